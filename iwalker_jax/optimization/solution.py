@@ -1,0 +1,57 @@
+"""What every solver returns: a value, a status that explains itself, and how good the value is."""
+
+from enum import IntEnum
+from typing import Any, Literal, NamedTuple
+
+from jaxtyping import Array, Bool, Float, Int
+
+GradientMode = Literal["implicit", "unrolled", "stopped"]
+"""How a solver is differentiated: at the optimum (implicit function theorem), through its iterations, or not at all."""
+
+
+class Status(IntEnum):
+    """Outcome of a solve; `describe` turns one into a sentence."""
+
+    CONVERGED = 0
+    MAX_ITERATIONS = 1
+    NON_FINITE = 2
+    INFEASIBLE = 3
+
+
+_SENTENCES = {
+    Status.CONVERGED: "Converged: the residual is below the tolerance.",
+    Status.MAX_ITERATIONS: (
+        "Stopped at the iteration limit before the residual reached the tolerance; "
+        "raise max_iterations or loosen the tolerance, and do not trust the gradient."
+    ),
+    Status.NON_FINITE: (
+        "The inputs or an iterate were not finite; the value is the last finite iterate. "
+        "Check the inputs for NaN, infinities and extreme scales."
+    ),
+    Status.INFEASIBLE: (
+        "No point satisfies all constraints; the value is the least violating one. Relax the bounds."
+    ),
+}
+
+
+def describe(status: int) -> str:
+    """Say in one sentence what a status means and what to do about it."""
+    return _SENTENCES[Status(int(status))]
+
+
+class Solution(NamedTuple):
+    """Value of a solve with the facts needed to trust it.
+
+    Attributes:
+        value: the solver's answer (a pytree; see the solver).
+        status: () int32, a `Status`.
+        residual: () optimality residual, normalised as the solver documents.
+        iterations: () int32, iterations used.
+        gradient_valid: () bool, whether the residual is small enough for implicit derivatives to be trusted.
+    """
+
+    value: Any
+    status: Int[Array, ""]
+    residual: Float[Array, ""]
+    iterations: Int[Array, ""]
+    gradient_valid: Bool[Array, ""]

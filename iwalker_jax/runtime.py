@@ -1,0 +1,40 @@
+"""Process settings that must be chosen before JAX is imported; commands, tests and benchmarks call this first."""
+
+import os
+import sys
+from pathlib import Path
+
+# jaxlib 0.10's concurrency-optimised scheduler can hang for ever on large vmapped CPU programs.
+_XLA_CPU_FLAGS = ("--xla_cpu_enable_concurrency_optimized_scheduler=false",)
+
+
+def configure_runtime(host_devices: int | None = None) -> None:
+    """Set XLA, BLAS and compilation-cache defaults; a user's own environment variables win.
+
+    Args:
+        host_devices: number of CPU devices to expose (data parallelism without accelerators); None keeps one.
+
+    Raises:
+        RuntimeError: if JAX has already been imported, because the settings would silently not apply.
+    """
+    if "jax" in sys.modules:
+        raise RuntimeError("configure_runtime() came after `import jax`; call it first so that its settings apply.")
+    flags = os.environ.get("XLA_FLAGS", "")
+    wanted = list(_XLA_CPU_FLAGS)
+    if host_devices is not None:
+        wanted.append(f"--xla_force_host_platform_device_count={host_devices}")
+    for flag in wanted:
+        if flag.split("=")[0] not in flags:
+            flags = f"{flags} {flag}".strip()
+    os.environ["XLA_FLAGS"] = flags
+    # Small LAPACK calls stall when several BLAS threads compete for a busy core.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(default_cache_folder() / "xla"))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+
+
+def default_cache_folder() -> Path:
+    """Folder for generated data and compiled programs: $IWALKER_CACHE, else ~/.cache/iwalker_jax."""
+    override = os.environ.get("IWALKER_CACHE")
+    return Path(override) if override else Path.home() / ".cache" / "iwalker_jax"

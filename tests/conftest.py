@@ -1,0 +1,31 @@
+"""Shared test setup: the library's own process settings, before anything imports JAX."""
+
+from pathlib import Path
+
+import pytest
+
+from iwalker_jax.runtime import configure_runtime
+
+configure_runtime(host_devices=2)
+
+import jax  # noqa: E402
+
+jax.config.update("jax_numpy_dtype_promotion", "standard")
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "aims_slam"
+
+
+@pytest.fixture
+def x64():
+    """Run one test in double precision."""
+    with jax.enable_x64(True):
+        yield
+
+
+@pytest.fixture(scope="session")
+def real_depth_folder() -> Path:
+    """Folder of real RealSense frames; the test is skipped where it is absent."""
+    folder = SHARED_DATA / "depth"
+    if not folder.is_dir():
+        pytest.skip("the real depth frames are not on this machine")
+    return folder
