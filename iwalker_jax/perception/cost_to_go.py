@@ -1,0 +1,206 @@
+"""Geodesic cost-to-go: what it costs to walk from every cell of a map to a goal, around what blocks the way.
+
+The graph has 16 neighbours a cell (king's and knight's moves: lengths are at most 2.8 % above Euclid's), and an edge
+costs its length times the mean traversal cost of the cells it touches: two for a straight step, the surrounding four
+for a diagonal or a knight's step. One blocked cell among them removes the edge, so no step cuts a corner.
+
+Shortest paths are found by line sweeps: front after front in each of the four directions, every cell takes the best
+of the five edges that arrive from the two lines before it. A round of four sweeps carries a wave along any stretch
+of path that keeps its heading within a quarter turn, so the number of rounds is the number of bends, not of cells.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.optimization.solution import Solution, Status
+from iwalker_jax.perception.grid import GridSpec
+
+UNREACHABLE = 1e6
+"""Cost of cells that are blocked or cut off from the goal; also the traversal cost from which a cell is blocked."""
+
+_MOVES = tuple((a, b) for a in range(-2, 3) for b in range(-2, 3) if abs(a) + abs(b) == 3 or max(abs(a), abs(b)) == 1)
+
+
+class CostToGo(NamedTuple):
+    """Cost-to-go and the goal it leads to.
+
+    Attributes:
+        cost: (rows, columns) traversal cost integrated along the best route; `UNREACHABLE` where there is none.
+        goal: (2,) [m] centre of the cell that stands for the goal: the free cell nearest to the goal asked for.
+        goal_offset: () [m] distance between that centre and the goal asked for; more than a cell's half diagonal
+            says that the goal was blocked or outside the map.
+    """
+
+    cost: Float[Array, "rows columns"]
+    goal: Float[Array, "2"]
+    goal_offset: Float[Array, ""]
+
+
+def cost_to_go(
+    traversal_cost: Float[Array, "rows columns"],
+    goal_xy: Float[Array, "2"],
+    grid: GridSpec,
+    max_rounds: int = 64,
+) -> Solution:
+    """Cost of the best route from every cell centre to a goal, on the 16-neighbour graph of the module's docstring.
+
+    A goal that is blocked or outside the map is replaced by the nearest free cell, and every route also pays the
+    straight line from that cell's centre to the goal at that cell's cost (so does a goal off its cell's centre).
+
+    Args:
+        traversal_cost: cost per metre, positive; infinite or >= `UNREACHABLE` means blocked.
+        goal_xy: goal [m] in base.
+        grid: where the cells lie.
+        max_rounds: limit on rounds of four sweeps; a bend of the route costs about one.
+
+    Returns:
+        Solution with a `CostToGo`. Status: CONVERGED; MAX_ITERATIONS if the last round still lowered a cost (costs
+        are then upper bounds); INFEASIBLE if no cell is free; NON_FINITE if the goal is not finite or a cost is NaN
+        or not positive (such cells count as blocked). The residual is the largest decrease in the last round,
+        relative to the largest finite cost. Not differentiable in reverse mode; `gradient_valid` is False.
+
+    Raises:
+        InputError: if the map's shape is not the grid's or `max_rounds` is not positive.
+    """
+    if traversal_cost.shape != grid.shape or max_rounds < 1:
+        raise InputError(
+            f"cost_to_go needs a map of the grid's shape {grid.shape} and max_rounds >= 1, "
+            f"got {traversal_cost.shape} and {max_rounds}."
+        )
+    free = (traversal_cost > 0) & (traversal_cost < UNREACHABLE)
+    cost = jnp.where(free, traversal_cost, jnp.inf)
+    seed, goal, offset = _seed(cost, free, goal_xy, grid)
+
+    def sweep_round(carry: tuple) -> tuple:
+        before, _, rounds = carry
+        after = _sweep_four(before, cost, grid.resolution)
+        decrease = jnp.where(jnp.isfinite(after), jnp.where(jnp.isfinite(before), before - after, after), 0.0)
+        return after, jnp.max(decrease), rounds + 1
+
+    start = (seed, jnp.asarray(jnp.inf, cost.dtype), jnp.asarray(0, jnp.int32))
+    values, decrease, rounds = lax.while_loop(lambda c: (c[1] > 0) & (c[2] < max_rounds), sweep_round, start)
+
+    finite = jnp.isfinite(values)
+    largest = jnp.max(jnp.where(finite, values, 0.0))
+    residual = decrease / jnp.where(largest > 0, largest, 1.0)
+    bad = jnp.any(~(traversal_cost > 0)) | ~jnp.all(jnp.isfinite(goal_xy))
+    status = jnp.where(decrease > 0, Status.MAX_ITERATIONS, Status.CONVERGED)
+    status = jnp.where(jnp.any(free), status, Status.INFEASIBLE)
+    status = jnp.where(bad, Status.NON_FINITE, status).astype(jnp.int32)
+    value = CostToGo(jnp.where(finite, jnp.minimum(values, UNREACHABLE), UNREACHABLE), goal, offset)
+    return Solution(value, status, residual, rounds, jnp.asarray(False))
+
+
+def descend(
+    cost: Float[Array, "rows columns"], grid: GridSpec, start_xy: Float[Array, "2"], n: int
+) -> Float[Array, "n 2"]:
+    """Route down a cost-to-go: from the start's cell always to the neighbour (of 16) with the steepest descent.
+
+    Steps only along the edges of `cost_to_go`'s graph, so the route enters no blocked cell and cuts no corner; the
+    cost decreases strictly until the goal, where the route stays.
+
+    Args:
+        cost: `CostToGo.cost`.
+        grid: where the cells lie.
+        start_xy: start [m] in base; the nearest cell from which the goal can be reached stands for it.
+        n: number of points; shorter than the route means that it ends on the way.
+
+    Returns:
+        Cell centres [m] in base. If no cell reaches the goal, the start's own cell, repeated.
+    """
+    moves = jnp.asarray(_MOVES)
+    lengths = jnp.linalg.norm(moves.astype(cost.dtype), axis=-1)
+    reachable = cost < UNREACHABLE
+    squared = jnp.sum((grid.centres().astype(cost.dtype) - start_xy) ** 2, axis=-1)
+    distance = jnp.where(reachable | ~jnp.any(reachable), squared, jnp.inf)
+    start = jnp.stack(jnp.unravel_index(jnp.argmin(distance), cost.shape))
+    padded = jnp.pad(jnp.where(reachable, cost, jnp.inf), 2, constant_values=jnp.inf)
+
+    def step(cell: Array, _: None) -> tuple[Array, Array]:
+        window = lax.dynamic_slice(padded, (cell[0], cell[1]), (5, 5))
+        slope = jnp.where(_open_edges(window), (window[2, 2] - window[moves[:, 0] + 2, moves[:, 1] + 2]) / lengths, 0.0)
+        best = jnp.argmax(slope)
+        return jnp.where(slope[best] > 0, cell + moves[best], cell), cell
+
+    _, cells = lax.scan(step, start, None, length=n)
+    return grid.centres()[cells[:, 0], cells[:, 1]]
+
+
+def _open_edges(window: Float[Array, "5 5"]) -> Bool[Array, "16"]:
+    """Which of the 16 edges out of the middle of a 5 x 5 window touch finite cells only."""
+    finite = jnp.isfinite(window)
+    return jnp.stack([finite[2 + a, 2 + b] & _both(finite, _beside(a, b)) for a, b in _MOVES])
+
+
+def _beside(a: int, b: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The two other cells that a step by (a, b) touches; of a straight step, its ends."""
+    if abs(a) == 2:
+        return (a // 2, 0), (a // 2, b)
+    if abs(b) == 2:
+        return (0, b // 2), (a, b // 2)
+    return (a, 0), (0, b)
+
+
+def _both(window: Bool[Array, "5 5"], cells: tuple[tuple[int, int], tuple[int, int]]) -> Bool[Array, ""]:
+    (a, b), (c, d) = cells
+    return window[2 + a, 2 + b] & window[2 + c, 2 + d]
+
+
+def _seed(
+    cost: Float[Array, "rows columns"],
+    free: Bool[Array, "rows columns"],
+    goal_xy: Float[Array, "2"],
+    grid: GridSpec,
+) -> tuple[Float[Array, "rows columns"], Float[Array, "2"], Float[Array, ""]]:
+    """Infinite everywhere but in the free cell nearest to the goal, which pays the straight line to it."""
+    centres = grid.centres().astype(cost.dtype)
+    squared = jnp.where(free, jnp.sum((centres - goal_xy) ** 2, axis=-1), jnp.inf)
+    index = jnp.argmin(squared)
+    goal = centres.reshape(-1, 2)[index]
+    offset = jnp.linalg.norm(goal - goal_xy)
+    first = offset * cost.reshape(-1)[index]
+    seed = jnp.full(cost.size, jnp.inf, cost.dtype).at[index].set(jnp.where(jnp.isfinite(first), first, jnp.inf))
+    return seed.reshape(cost.shape), goal, offset
+
+
+def _sweep_four(
+    values: Float[Array, "rows columns"], cost: Float[Array, "rows columns"], resolution: float
+) -> Float[Array, "rows columns"]:
+    """One round: forwards and backwards along the rows, then along the columns."""
+    for _ in range(2):
+        for reverse in (False, True):
+            values = _sweep(values, cost, resolution, reverse)
+        values, cost = values.T, cost.T
+    return values
+
+
+def _sweep(
+    values: Float[Array, "rows columns"], cost: Float[Array, "rows columns"], resolution: float, reverse: bool
+) -> Float[Array, "rows columns"]:
+    """Lower every line by the edges from the two lines before it, line by line in one direction."""
+    straight, diagonal, knight = resolution / 2, resolution * 2**0.5 / 4, resolution * 5**0.5 / 4
+
+    def line(carry: tuple, here: tuple) -> tuple:
+        v1, v2, c1, c2 = carry
+        v, c = here
+        pair = c + c1
+        best = jnp.minimum(v, v1 + straight * pair)
+        for shift in (1, -1):
+            pair_beside = _shift(pair, shift)
+            best = jnp.minimum(best, _shift(v1, shift) + diagonal * (pair + pair_beside))
+            middle = c1 + _shift(c1, shift)
+            best = jnp.minimum(best, _shift(v2, shift) + knight * (c + middle + _shift(c2, shift)))
+        return (best, v1, c, c1), best
+
+    blank = jnp.full(values.shape[1], jnp.inf, values.dtype)
+    return lax.scan(line, (blank,) * 4, (values, cost), reverse=reverse)[1]
+
+
+def _shift(line: Float[Array, "cells"], by: int) -> Float[Array, "cells"]:
+    """The line moved by one cell, infinite where nothing moves in."""
+    blank = jnp.full(1, jnp.inf, line.dtype)
+    return jnp.concatenate([blank, line[:-1]]) if by == 1 else jnp.concatenate([line[1:], blank])

@@ -1,0 +1,200 @@
+"""Cost-to-go against SciPy's Dijkstra on the same graph, and routes that must stay off blocked cells."""
+
+from itertools import pairwise
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.optimization.solution import Status
+from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go, descend
+from iwalker_jax.perception.grid import GridSpec
+
+GRID = GridSpec(x_min=0.0, y_min=-1.0, resolution=0.1, rows=30, columns=23)
+SOLVE = jax.jit(cost_to_go, static_argnums=(2, 3))
+DESCEND = jax.jit(descend, static_argnums=(1, 3))
+
+
+def touched_cells(i, j, a, b):
+    """Cells crossed by the segment from (i, j) to (i + a, j + b), found by sampling it densely off its ends.
+
+    A diagonal passes exactly between two cells; they are added because a body has a width.
+    """
+    t = (np.arange(4000) + 0.5) / 4000
+    cells = {(int(x), int(y)) for x, y in zip(np.floor(i + a * t + 0.5), np.floor(j + b * t + 0.5))}
+    return cells | {(i + a, j), (i, j + b)} if abs(a) == abs(b) == 1 else cells
+
+
+def dijkstra_costs(cost, goal_cell, resolution):
+    """Oracle: the graph built edge by edge, solved by SciPy."""
+    rows, columns = cost.shape
+    sources, targets, weights = [], [], []
+    moves = [(0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (1, -2), (2, 1), (2, -1)]
+    touched = {move: touched_cells(0, 0, *move) for move in moves}
+    for i, j in np.ndindex(rows, columns):
+        for a, b in moves:
+            if not (0 <= i + a < rows and 0 <= j + b < columns):
+                continue
+            mean = np.mean([cost[i + p, j + q] for p, q in touched[a, b]])
+            if mean < UNREACHABLE:
+                sources.append(i * columns + j)
+                targets.append((i + a) * columns + j + b)
+                weights.append(mean * np.hypot(a, b) * resolution)
+    graph = coo_matrix((weights, (sources, targets)), shape=(cost.size, cost.size)).tocsr()
+    return dijkstra(graph, directed=False, indices=goal_cell[0] * columns + goal_cell[1]).reshape(cost.shape)
+
+
+def random_cost(seed, blocked, shape=GRID.shape):
+    rng = np.random.default_rng(seed)
+    cost = rng.uniform(0.5, 5.0, shape)
+    cost[rng.random(shape) < blocked] = np.inf
+    return cost.astype(np.float32)
+
+
+def spiral_cost():
+    """Walls that make the only route turn many times, in both directions."""
+    cost = np.ones(GRID.shape, np.float32)
+    for n, row in enumerate(range(2, 28, 3)):
+        cost[row, :] = np.inf
+        cost[row, 0 if n % 2 else -1] = 1.0
+    cost[6, 5:20:4] = np.inf
+    cost[7, 7:20:4] = np.inf
+    return cost
+
+
+def centre(cell):
+    return jnp.asarray(GRID.centres()[cell])
+
+
+def compare(cost, goal_cell, max_rounds=64):
+    solution = SOLVE(jnp.asarray(cost), centre(goal_cell), GRID, max_rounds)
+    expected = dijkstra_costs(cost.astype(float), goal_cell, GRID.resolution)
+    expected = np.where(np.isfinite(expected), expected, UNREACHABLE)
+    np.testing.assert_allclose(solution.value.cost, expected, rtol=1e-4, atol=1e-5)
+    assert solution.status == Status.CONVERGED
+    assert solution.residual == 0
+    return solution
+
+
+@pytest.mark.parametrize("blocked", [0.0, 0.1, 0.3, 0.45])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_equals_dijkstra_on_random_maps(seed, blocked):
+    """Oracle: scipy.sparse.csgraph.dijkstra."""
+    cost = random_cost(seed, blocked)
+    goal = tuple(np.argwhere(np.isfinite(cost))[100 + seed])
+    compare(cost, goal)
+
+
+def test_equals_dijkstra_in_a_winding_corridor():
+    """Oracle: scipy.sparse.csgraph.dijkstra; the route's bends need several rounds and far fewer than its cells."""
+    cost = spiral_cost()
+    solution = compare(cost, (0, 11))
+    assert np.all(solution.value.cost[np.isfinite(cost)] < UNREACHABLE)
+    assert 4 < solution.iterations < 40
+
+
+def test_round_limit_gives_upper_bounds_and_says_so():
+    """Oracle: the converged solve."""
+    cost = jnp.asarray(spiral_cost())
+    full = SOLVE(cost, centre((0, 11)), GRID, 64)
+    cut = SOLVE(cost, centre((0, 11)), GRID, 2)
+    assert cut.status == Status.MAX_ITERATIONS
+    assert cut.residual > 0
+    assert np.all(cut.value.cost >= full.value.cost)
+    assert np.any(cut.value.cost > full.value.cost)
+
+
+def test_free_space_is_within_three_percent_of_the_straight_line():
+    """Oracle: Euclid's distance; sixteen neighbours overestimate it by at most 2.8 %."""
+    goal = centre((4, 7))
+    cost = SOLVE(jnp.ones(GRID.shape), goal, GRID, 64).value.cost
+    straight = np.linalg.norm(np.asarray(GRID.centres()) - np.asarray(goal), axis=-1)
+    ratio = np.asarray(cost)[straight > 0] / straight[straight > 0]
+    assert ratio.min() > 1 - 1e-5
+    assert 1.02 < ratio.max() < 1.028
+
+
+def test_blocked_and_outside_goals_use_the_nearest_free_cell():
+    """Oracle: the solve for that cell itself, plus the straight line to it by hand."""
+    cost = np.full(GRID.shape, 2.0, np.float32)
+    cost[10:13, 10:13] = np.inf
+    blocked = SOLVE(jnp.asarray(cost), centre((11, 12)), GRID, 64)
+    plain = SOLVE(jnp.asarray(cost), centre((11, 13)), GRID, 64)
+    np.testing.assert_allclose(blocked.value.goal, centre((11, 13)), atol=1e-6)
+    np.testing.assert_allclose(blocked.value.goal_offset, 0.1, atol=1e-6)
+    free = np.isfinite(cost)
+    np.testing.assert_allclose(blocked.value.cost[free], plain.value.cost[free] + 0.2, atol=1e-5)
+
+    outside = SOLVE(jnp.asarray(cost), jnp.asarray([13.05, 0.05]), GRID, 64)
+    np.testing.assert_allclose(outside.value.goal, [2.95, 0.05], atol=1e-5)
+    np.testing.assert_allclose(outside.value.cost[29, 10], 2.0 * 10.1, rtol=1e-5)
+
+
+def test_cut_off_cells_and_bad_maps_are_flagged():
+    """Oracle: by construction."""
+    cost = np.ones(GRID.shape, np.float32)
+    cost[:, 10] = np.inf
+    solution = SOLVE(jnp.asarray(cost), centre((3, 3)), GRID, 64)
+    assert solution.status == Status.CONVERGED
+    np.testing.assert_array_equal(solution.value.cost[:, 10:], UNREACHABLE)
+    assert np.all(solution.value.cost[:, :10] < 100)
+
+    closed = SOLVE(jnp.full(GRID.shape, jnp.inf), centre((3, 3)), GRID, 64)
+    assert closed.status == Status.INFEASIBLE
+    np.testing.assert_array_equal(closed.value.cost, UNREACHABLE)
+    for bad in (jnp.nan, 0.0, -1.0):
+        solution = SOLVE(jnp.ones(GRID.shape).at[2, 2].set(bad), centre((3, 3)), GRID, 64)
+        assert solution.status == Status.NON_FINITE
+        assert jnp.all(jnp.isfinite(solution.value.cost))
+    assert SOLVE(jnp.ones(GRID.shape), jnp.asarray([jnp.nan, 0.0]), GRID, 64).status == Status.NON_FINITE
+    with pytest.raises(InputError, match="shape"):
+        cost_to_go(jnp.ones((3, 3)), centre((3, 3)), GRID)
+
+
+def test_a_batch_equals_a_loop():
+    """Oracle: the same maps and goals one by one."""
+    costs = jnp.stack([jnp.asarray(random_cost(seed, 0.1 * seed)) for seed in range(4)])
+    goals = jnp.asarray([[0.3, 0.4], [2.0, -0.5], [1.1, 1.1], [9.0, -9.0]])
+    batch = jax.jit(jax.vmap(lambda c, g: cost_to_go(c, g, GRID)))(costs, goals)
+    for n in range(4):
+        single = SOLVE(costs[n], goals[n], GRID, 64)
+        np.testing.assert_allclose(batch.value.cost[n], single.value.cost, rtol=1e-6)
+        assert batch.status[n] == single.status
+
+
+def crossed_cells(route):
+    """Cells that the polyline enters, by dense sampling."""
+    points = np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(route)])
+    return np.floor((points - [GRID.x_min, GRID.y_min]) / GRID.resolution).astype(int)
+
+
+@pytest.mark.parametrize("cost", [random_cost(3, 0.3), spiral_cost()], ids=["random", "winding"])
+def test_the_route_reaches_the_goal_and_enters_no_blocked_cell(cost):
+    """Oracle: the route's polyline sampled densely, looked up in the map."""
+    goal_cell = (0, 11) if np.isfinite(cost[0, 11]) else tuple(np.argwhere(np.isfinite(cost))[0])
+    solution = SOLVE(jnp.asarray(cost), centre(goal_cell), GRID, 64)
+    reachable = np.argwhere(np.asarray(solution.value.cost) < UNREACHABLE)
+    for start in reachable[:: len(reachable) // 10]:
+        route = np.asarray(DESCEND(solution.value.cost, GRID, centre(tuple(start)), 400))
+        np.testing.assert_allclose(route[0], centre(tuple(start)), atol=1e-6)
+        np.testing.assert_allclose(route[-1], solution.value.goal, atol=1e-6)
+        cells = crossed_cells(route)
+        assert np.all(np.isfinite(cost[cells[:, 0], cells[:, 1]]))
+        length = np.sum(np.linalg.norm(np.diff(route, axis=0), axis=-1))
+        assert length * np.min(cost) <= solution.value.cost[tuple(start)] * 1.3 + 1e-4
+
+
+def test_a_route_from_a_blocked_start_begins_at_the_nearest_reachable_cell():
+    """Oracle: by construction; where nothing is reachable, the route stays at the start's cell."""
+    cost = np.ones(GRID.shape, np.float32)
+    cost[8:, :9] = np.inf
+    solution = SOLVE(jnp.asarray(cost), centre((1, 1)), GRID, 64)
+    route = DESCEND(solution.value.cost, GRID, centre((20, 8)), 60)
+    np.testing.assert_allclose(route[0], centre((20, 9)), atol=1e-6)
+    np.testing.assert_allclose(route[-1], centre((1, 1)), atol=1e-6)
+    stuck = DESCEND(jnp.full(GRID.shape, UNREACHABLE), GRID, centre((5, 5)), 4)
+    np.testing.assert_allclose(stuck, np.broadcast_to(centre((5, 5)), (4, 2)), atol=1e-6)
