@@ -1,0 +1,210 @@
+"""What stands in the way: floor and obstacle points, the occupancy grid, and the paper's blurred collision map."""
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.perception.camera import Intrinsics, camera_pose
+from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID, GridSpec
+
+
+@dataclass(frozen=True)
+class ObstacleRules:
+    """Which points are obstacles, and how many of them make a cell occupied.
+
+    Attributes:
+        min_height: [m] above the floor; lower points belong to the floor.
+        max_height: [m] above the floor; the robot walks under higher points.
+        tolerance_range: [m] distance from the camera up to which min_height holds.
+        tolerance_slope: [m/m] growth of min_height beyond tolerance_range: depth noise and an error of the camera's
+            pitch lift far floor points; 0.015 forgives 0.9 degrees.
+        min_area: [m^2] image area, seen face on, that a small obstacle shows (a strip of 3 cm x 10 cm).
+        min_points: fewest points that make a cell occupied, however far.
+        max_points: number of points that always suffices, however near.
+    """
+
+    min_height: float = 0.05
+    max_height: float = 0.75
+    tolerance_range: float = 2.0
+    tolerance_slope: float = 0.015
+    min_area: float = 0.003
+    min_points: int = 2
+    max_points: int = 8
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(v) for v in (self.min_height, self.max_height, self.min_area)):
+            raise InputError("ObstacleRules needs finite heights and area.")
+        if not 0.0 < self.min_height < self.max_height:
+            raise InputError(
+                f"ObstacleRules needs 0 < min_height < max_height, got {self.min_height} and {self.max_height} m."
+            )
+        if self.tolerance_range < 0.0 or self.tolerance_slope < 0.0:
+            raise InputError("ObstacleRules needs tolerance_range >= 0 and tolerance_slope >= 0.")
+        if self.min_area <= 0.0 or not 1 <= self.min_points <= self.max_points:
+            raise InputError("ObstacleRules needs min_area > 0 and 1 <= min_points <= max_points.")
+
+
+DEFAULT_RULES = ObstacleRules()
+"""For a robot 0.66 m tall with feet that clear 5 cm."""
+
+
+class PointPlanes(NamedTuple):
+    """Points of a depth image as one array per coordinate: on a CPU ten times faster than (height, width, 3).
+
+    Attributes:
+        x, y, z: [m] base frame; z is the height above the floor.
+        ground_range: [m] horizontal distance from the camera.
+        valid: False where there was no return.
+    """
+
+    x: Float[Array, "height width"]
+    y: Float[Array, "height width"]
+    z: Float[Array, "height width"]
+    ground_range: Float[Array, "height width"]
+    valid: Bool[Array, "height width"]
+
+
+def point_planes(depth: Float[Array, "height width"], mount: Float[Array, " 5"], intrinsics: Intrinsics) -> PointPlanes:
+    """Points of a cleaned depth image, equal to `camera.backproject`.
+
+    Args:
+        depth: z-depth [m], 0 = no return (`clean_depth`).
+        mount: [height, pitch, roll, forward, left] as in `CameraMount`.
+        intrinsics: of this image size.
+    """
+    R, p = camera_pose(mount.astype(depth.dtype))
+    right = ((jnp.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx).astype(depth.dtype)
+    down = ((jnp.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy).astype(depth.dtype)[:, None]
+    ahead, left, up = (depth * (R[k, 0] * right + R[k, 1] * down + R[k, 2]) for k in range(3))
+    ground_range = jnp.sqrt(ahead**2 + left**2)
+    return PointPlanes(ahead + p[0], left + p[1], up + p[2], ground_range, depth > 0.0)
+
+
+def classify_points(
+    points: PointPlanes, rules: ObstacleRules
+) -> tuple[Bool[Array, "height width"], Bool[Array, "height width"]]:
+    """(floor, obstacle) masks of points by their height above the floor.
+
+    Points above max_height (walked under) and points clearly below the floor (a hole, a stair down) are neither.
+    """
+    growth = rules.tolerance_slope * jnp.maximum(points.ground_range - rules.tolerance_range, 0.0)
+    min_height = rules.min_height + growth
+    floor = points.valid & (jnp.abs(points.z) <= min_height)
+    obstacle = points.valid & (points.z > min_height) & (points.z < rules.max_height)
+    return floor, obstacle
+
+
+def flat_cell_index(
+    points: PointPlanes, keep: Bool[Array, "height width"], grid: GridSpec
+) -> Int[Array, "height width"]:
+    """Row-major index of each point's cell; rows * columns (one past the map) where not kept or outside."""
+    row = jnp.floor((points.x - grid.x_min) / grid.resolution)
+    column = jnp.floor((points.y - grid.y_min) / grid.resolution)
+    inside = keep & (row >= 0) & (row < grid.rows) & (column >= 0) & (column < grid.columns)
+    return jnp.where(inside, row * grid.columns + column, grid.rows * grid.columns).astype(jnp.int32)
+
+
+def cell_offsets(
+    grid: GridSpec, camera_xy: Float[Array, " 2"]
+) -> tuple[Float[Array, "rows 1"], Float[Array, "1 columns"]]:
+    """(ahead, left) [m] of the cell centres as seen from the camera; the two broadcast to the map."""
+    x = grid.x_min + (jnp.arange(grid.rows) + 0.5) * grid.resolution
+    y = grid.y_min + (jnp.arange(grid.columns) + 0.5) * grid.resolution
+    return (x - camera_xy[0])[:, None], (y - camera_xy[1])[None, :]
+
+
+def count_points(index: Int[Array, "*image"], grid: GridSpec) -> Int[Array, "rows columns"]:
+    """Number of points in each cell; `index` as from `flat_cell_index`."""
+    counts = jnp.zeros(grid.rows * grid.columns, jnp.int32).at[index.ravel()].add(1, mode="drop")
+    return counts.reshape(grid.shape)
+
+
+def occupied_cells(
+    counts: Int[Array, "rows columns"],
+    camera_xy: Float[Array, " 2"],
+    intrinsics: Intrinsics,
+    grid: GridSpec,
+    rules: ObstacleRules,
+) -> Bool[Array, "rows columns"]:
+    """Cells that hold enough obstacle points for their distance from the camera.
+
+    An area A at distance r covers f_x f_y A / r^2 pixels, so the number asked for falls with distance,
+    between max_points and min_points. The 3 x 3 neighbourhood must hold that many and the cell itself a third of
+    it: a table leg on a cell border stays, the thin tail of a wall's range noise does not.
+    """
+    ahead, left = cell_offsets(grid, camera_xy)
+    squared_range = jnp.maximum(ahead**2 + left**2, 1e-4)
+    expected = intrinsics.fx * intrinsics.fy * rules.min_area / squared_range
+    needed = jnp.clip(expected, rules.min_points, rules.max_points)
+    return (_sum_3x3(counts) >= needed) & (3 * counts >= needed)
+
+
+def occupancy_map(
+    depth: Float[Array, "height width"],
+    mount: Float[Array, " 5"],
+    intrinsics: Intrinsics,
+    grid: GridSpec = DEFAULT_GRID,
+    rules: ObstacleRules = DEFAULT_RULES,
+) -> Bool[Array, "rows columns"]:
+    """Occupied cells of one cleaned depth image: points between 0.05 m and 0.75 m above the floor.
+
+    Args:
+        depth: z-depth [m], 0 = no return (`clean_depth`).
+        mount: [height, pitch, roll, forward, left] as in `CameraMount`, known or from `fit_floor`.
+        intrinsics: of this image size.
+        grid: of the map, base frame.
+        rules: obstacle heights and point counts.
+    """
+    points = point_planes(depth, mount, intrinsics)
+    _, obstacle = classify_points(points, rules)
+    counts = count_points(flat_cell_index(points, obstacle, grid), grid)
+    return occupied_cells(counts, mount[3:5], intrinsics, grid, rules)
+
+
+def published_collision_map(
+    depth: Float[Array, "height width"],
+    mount: Float[Array, " 5"],
+    intrinsics: Intrinsics,
+    grid: GridSpec = PUBLISHED_GRID,
+) -> Float[Array, "rows columns"]:
+    """The paper's collision map: points at about the camera's height, counted, capped and blurred.
+
+    Points deeper than 0.8 m and within 0.2 m of the camera's height add 0.1 to their cell; cells below 0.2 become 0 and
+    none exceeds 2; then a Gaussian of 7 x 7 cells with sigma 1.4 cells, mirrored at the border. It grows towards
+    obstacles and holds no distance.
+
+    Args:
+        depth: z-depth [m], 0 = no return (`clean_depth`).
+        mount: [height, pitch, roll, forward, left] as in `CameraMount`.
+        intrinsics: of this image size.
+        grid: of the map, base frame.
+    """
+    points = point_planes(depth, mount, intrinsics)
+    keep = (depth > 0.8) & (jnp.abs(points.z - mount[0]) < 0.2)
+    counts = count_points(flat_cell_index(points, keep, grid), grid)
+    values = jnp.where(counts >= 2, jnp.minimum(0.1 * counts, 2.0), 0.0).astype(depth.dtype)
+    return _blur(values)
+
+
+def _blur(values: Float[Array, "rows columns"]) -> Float[Array, "rows columns"]:
+    """Separable 7 x 7 Gaussian, sigma 1.4 cells."""
+    taps = np.exp(-0.5 * (np.arange(-3, 4) / 1.4) ** 2)
+    taps = taps / taps.sum()
+    rows, columns = values.shape
+    padded = jnp.pad(values, 3, mode="reflect")
+    vertical = functools.reduce(jnp.add, [float(w) * padded[k : k + rows] for k, w in enumerate(taps)])
+    return functools.reduce(jnp.add, [float(w) * vertical[:, k : k + columns] for k, w in enumerate(taps)])
+
+
+def _sum_3x3(counts: Int[Array, "rows columns"]) -> Int[Array, "rows columns"]:
+    """Sum over each cell and its eight neighbours; nothing lies outside the map."""
+    rows, columns = counts.shape
+    padded = jnp.pad(counts, 1)
+    vertical = padded[:rows] + padded[1 : rows + 1] + padded[2:]
+    return vertical[:, :columns] + vertical[:, 1 : columns + 1] + vertical[:, 2:]

@@ -1,0 +1,133 @@
+"""Depth images made usable: units and types checked on the host, invalid pixels and speckles removed under jit."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Float32, UInt16
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.perception.camera import Intrinsics
+
+MAX_RANGE = 10.0
+"""[m] stereo depth beyond this is a false match more often than a surface."""
+
+_MILLIMETRE_MEDIAN = 100.0  # [m] no indoor frame has a median depth of 100 m; millimetres read as metres have
+
+
+def depth_from_uint16(image: UInt16[np.ndarray, "height width"], scale: float) -> Float32[np.ndarray, "height width"]:
+    """Depth [m] of a 16-bit image as it lies in a PNG.
+
+    Args:
+        image: raw sensor units, 0 = no return.
+        scale: [m] per unit, for example 0.001 for millimetres or 1/5000 for TUM RGB-D.
+
+    Raises:
+        InputError: if the image is not a 2-D uint16 array or the scale cannot be metres per unit.
+    """
+    image = np.asarray(image)
+    if image.ndim != 2 or image.dtype != np.uint16:
+        raise InputError(
+            f"Raw depth must be a (height, width) uint16 array, got shape {image.shape} and type {image.dtype}; "
+            "save depth as a single-channel 16-bit PNG."
+        )
+    if not (math.isfinite(scale) and 0.0 < scale <= 0.1):
+        raise InputError(
+            f"The depth scale is metres per unit (0.001 for millimetres), got {scale}; give 1/{scale} if this is "
+            "units per metre."
+        )
+    return image.astype(np.float32) * np.float32(scale)
+
+
+def check_depth_image(image: np.ndarray) -> None:
+    """Refuse an array that cannot be a depth image in metres; invalid pixels (0, NaN, inf, negative) are allowed.
+
+    Raises:
+        InputError: on a wrong number of dimensions, an empty image, a type other than float, or millimetres.
+    """
+    image = np.asarray(image)
+    if image.ndim != 2 or 0 in image.shape:
+        raise InputError(f"A depth image must be a (height, width) array, got shape {image.shape}.")
+    if not np.issubdtype(image.dtype, np.floating):
+        raise InputError(
+            f"A depth image must be floating-point metres, got type {image.dtype}; convert raw sensor units with "
+            "depth_from_uint16."
+        )
+    returns = image[np.isfinite(image) & (image > 0)]
+    if returns.size and float(np.median(returns)) > _MILLIMETRE_MEDIAN:
+        raise InputError(
+            f"The median depth is {float(np.median(returns)):.0f} m, so the image seems to be in millimetres; divide "
+            "it by 1000."
+        )
+
+
+def clean_depth(
+    depth: Float[Array, "height width"],
+    max_range: float = MAX_RANGE,
+    min_agreeing: int = 2,
+) -> Float32[Array, "height width"]:
+    """Depth with every pixel that cannot be trusted set to 0: non-finite, negative, too far, or a lone speckle.
+
+    A pixel is kept if at least `min_agreeing` of its eight neighbours lie at its own depth d [m] within
+    0.03 + 0.02 d^2, the growth of stereo noise with distance. Two keep a chair leg that is one pixel wide (the
+    pixels above and below agree) and remove lone ghosts.
+
+    Args:
+        depth: z-depth [m]; 0, negative, NaN and inf mean no return.
+        max_range: [m] farther returns are dropped.
+        min_agreeing: number of neighbours that must agree; 0 keeps speckles.
+    """
+    depth = depth.astype(jnp.float32)
+    valid = (depth > 0.0) & (depth <= max_range)
+    depth = jnp.where(valid, depth, 0.0)
+    tolerance = 0.03 + 0.02 * depth**2
+    height, width = depth.shape
+    padded = jnp.pad(depth, 1)
+    agreeing = jnp.zeros(depth.shape, jnp.int32)
+    for dv in range(3):
+        for du in range(3):
+            if (dv, du) != (1, 1):
+                neighbour = padded[dv : dv + height, du : du + width]
+                agreeing += (neighbour > 0.0) & (jnp.abs(neighbour - depth) < tolerance)
+    return jnp.where(valid & (agreeing >= min_agreeing), depth, 0.0)
+
+
+def resize_depth(
+    depth: Float[Array, "from_height from_width"], intrinsics_from: Intrinsics, intrinsics_to: Intrinsics
+) -> Float[Array, "to_height to_width"]:
+    """Depth image as another pinhole camera at the same place would see it.
+
+    Each target pixel takes the source pixel nearest to its own ray, because averaging across a depth edge would invent
+    surfaces in mid-air; z-depth is the same in both cameras. Rays outside the source's view give 0 (no return).
+
+    Args:
+        depth: z-depth [m] of size intrinsics_from.height x intrinsics_from.width.
+        intrinsics_from: of the source image.
+        intrinsics_to: of the wanted image.
+
+    Raises:
+        InputError: if the image's shape is not the one its intrinsics name.
+    """
+    if depth.shape != (intrinsics_from.height, intrinsics_from.width):
+        raise InputError(
+            f"The depth image is {depth.shape[1]} x {depth.shape[0]} px but its intrinsics are for "
+            f"{intrinsics_from.width} x {intrinsics_from.height} px; give the intrinsics of this resolution."
+        )
+    columns = _nearest_source(
+        intrinsics_to.width, intrinsics_to.cx, intrinsics_to.fx, intrinsics_from.cx, intrinsics_from.fx
+    )
+    rows = _nearest_source(
+        intrinsics_to.height, intrinsics_to.cy, intrinsics_to.fy, intrinsics_from.cy, intrinsics_from.fy
+    )
+    columns_seen = (columns >= 0) & (columns < intrinsics_from.width)
+    rows_seen = (rows >= 0) & (rows < intrinsics_from.height)
+    columns = np.clip(columns, 0, intrinsics_from.width - 1)
+    rows = np.clip(rows, 0, intrinsics_from.height - 1)
+    sampled = depth[rows[:, None], columns[None, :]]
+    return jnp.where(rows_seen[:, None] & columns_seen[None, :], sampled, 0.0)
+
+
+def _nearest_source(size: int, c_to: float, f_to: float, c_from: float, f_from: float) -> np.ndarray:
+    """Index of the source pixel whose ray is nearest to each target pixel's ray along one image axis."""
+    tangent = (np.arange(size) - c_to) / f_to
+    return np.floor(tangent * f_from + c_from + 0.5).astype(np.int64)

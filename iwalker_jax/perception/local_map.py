@@ -1,0 +1,141 @@
+"""One depth image turned into the maps a planner needs: occupied, free, unknown, distance field, published map."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception.collision_map import (
+    DEFAULT_RULES,
+    ObstacleRules,
+    cell_offsets,
+    classify_points,
+    count_points,
+    flat_cell_index,
+    occupied_cells,
+    point_planes,
+    published_collision_map,
+)
+from iwalker_jax.perception.depth_cleanup import clean_depth
+from iwalker_jax.perception.distance_field import signed_distance_field
+from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
+
+BLIND_DISC_RADIUS = 0.4
+"""[m] around the base origin: the robot stands there, so the floor under and beside it counts as free."""
+
+
+class LocalMap(NamedTuple):
+    """Maps around the robot in the base frame; every cell is exactly one of occupied, known free and unknown.
+
+    Attributes:
+        occupied: (rows, columns) an obstacle between 0.05 m and 0.75 m above the floor was seen here.
+        known_free: (rows, columns) seen to be free, or under the robot.
+        unknown: (rows, columns) hidden behind an obstacle, outside the view or never measured.
+        esdf: (rows, columns) [m] signed distance to the occupied cells; unknown space does not repel.
+        published: (100, 100) the paper's blurred collision map on `PUBLISHED_GRID`.
+    """
+
+    occupied: Bool[Array, "rows columns"]
+    known_free: Bool[Array, "rows columns"]
+    unknown: Bool[Array, "rows columns"]
+    esdf: Float[Array, "rows columns"]
+    published: Float[Array, "map_rows map_columns"]
+
+
+def build_local_map(
+    depth: Float[Array, "height width"],
+    mount: Float[Array, " 5"],
+    intrinsics: Intrinsics,
+    grid: GridSpec = DEFAULT_GRID,
+    rules: ObstacleRules = DEFAULT_RULES,
+) -> LocalMap:
+    """All maps of one raw depth image; finite and valid for empty, all-zero and all-blocked images too.
+
+    Args:
+        depth: z-depth [m]; 0, negative, NaN and inf mean no return. Cleaned here.
+        mount: [height, pitch, roll, forward, left] as in `CameraMount`, known or from `fit_floor`.
+        intrinsics: of this image size.
+        grid: of the occupancy and distance maps, base frame.
+        rules: obstacle heights and point counts.
+    """
+    depth = clean_depth(depth)
+    occupied, known_free = free_and_occupied(depth, mount, intrinsics, grid, rules)
+    return LocalMap(
+        occupied=occupied,
+        known_free=known_free,
+        unknown=~occupied & ~known_free,
+        esdf=signed_distance_field(occupied, grid.resolution),
+        published=published_collision_map(depth, mount, intrinsics),
+    )
+
+
+def free_and_occupied(
+    depth: Float[Array, "height width"],
+    mount: Float[Array, " 5"],
+    intrinsics: Intrinsics,
+    grid: GridSpec,
+    rules: ObstacleRules,
+) -> tuple[Bool[Array, "rows columns"], Bool[Array, "rows columns"]]:
+    """(occupied, known free) cells of a cleaned depth image.
+
+    A cell that is not occupied is known free if
+      - floor was seen in it; or
+      - it lies nearer to the camera than the first obstacle of its bearing and no farther than the farthest floor
+        or obstacle seen along that bearing. This includes the wedge below the image's lower edge, between the robot
+        and the first surface seen; where nothing was seen along a bearing, the wedge stays unknown; or
+      - it lies within BLIND_DISC_RADIUS of the base origin.
+
+    Args:
+        depth: z-depth [m], 0 = no return (`clean_depth`).
+        mount, intrinsics, grid, rules: as in `build_local_map`.
+    """
+    points = point_planes(depth, mount, intrinsics)
+    camera_xy = mount[3:5]
+    floor, obstacle = classify_points(points, rules)
+    cell = flat_cell_index(points, floor | obstacle, grid)
+    outside = grid.rows * grid.columns
+
+    counts = count_points(jnp.where(obstacle, cell, outside), grid)
+    occupied = occupied_cells(counts, camera_xy, intrinsics, grid, rules)
+    floor_seen = jnp.zeros(outside, bool).at[jnp.where(floor, cell, outside).ravel()].set(True, mode="drop")
+
+    # Obstacle points that made no cell occupied are noise and hide nothing; those beyond the map still end the view.
+    confirmed = obstacle & jnp.append(occupied.ravel(), True)[cell]
+    bins = _bearing_bin_count(intrinsics)
+    pixel_bin = _bearing_bin(points.x - mount[3], points.y - mount[4], points.ground_range, bins)
+    ranges = points.ground_range.ravel()
+    confirmed_bin = jnp.where(confirmed, pixel_bin, bins).ravel()
+    first_obstacle = jnp.full(bins, jnp.inf, ranges.dtype).at[confirmed_bin].min(ranges, mode="drop")
+    surface_bin = jnp.where(floor | confirmed, pixel_bin, bins).ravel()
+    farthest = jnp.zeros(bins, ranges.dtype).at[surface_bin].max(ranges, mode="drop")
+
+    ahead, left = cell_offsets(grid, camera_xy)
+    cell_range = jnp.sqrt(ahead**2 + left**2)
+    cell_bin = _bearing_bin(ahead, left, cell_range, bins)
+    half = 0.5 * grid.resolution
+    in_view = (cell_range < first_obstacle.at[cell_bin].get(mode="fill", fill_value=0.0) - half) & (
+        cell_range <= farthest.at[cell_bin].get(mode="fill", fill_value=0.0)
+    )
+    base_x, base_y = cell_offsets(grid, jnp.zeros(2))
+    blind_disc = base_x**2 + base_y**2 <= BLIND_DISC_RADIUS**2
+    known_free = ~occupied & (in_view | floor_seen.reshape(grid.shape) | blind_disc)
+    return occupied, known_free
+
+
+def _bearing_bin_count(intrinsics: Intrinsics) -> int:
+    """Bins a quarter wider than a pixel column at the image's centre, so that every bin in view holds pixels."""
+    return max(8, int(3.2 * intrinsics.fx))
+
+
+def _bearing_bin(
+    ahead: Float[Array, "*n"], left: Float[Array, "*n"], distance: Float[Array, "*n"], bins: int
+) -> Int[Array, "*n"]:
+    """Bin of a horizontal direction seen from the camera; `bins` (one past the last) for directions behind it.
+
+    tan(bearing / 2) = left / (ahead + distance) is nearly uniform in the bearing and far cheaper than arctan2.
+    """
+    half_tangent = left / jnp.maximum(ahead + distance, 1e-6)
+    index = jnp.floor((half_tangent + 1.0) * (0.5 * bins))
+    in_front = (ahead > 0.0) & (index >= 0) & (index < bins)
+    return jnp.where(in_front, index, bins).astype(jnp.int32)
