@@ -1,0 +1,180 @@
+"""Hybrid linear inverted pendulum (H-LIP): step-to-step dynamics, periodic orbits, feedback gains, modes.
+
+Notation: one plane at a time; pre-impact state [c, p, v] with c the COM position [m], p the COM minus the
+stance foot [m], v the COM velocity [m/s]; input u the step size [m]. The footstep is s = c - p, and s' = s + u
+holds exactly.
+Source: Xiong and Ames, "3-D underactuated bipedal walking via H-LIP based gait synthesis and stepping
+stabilization" (2022); the iWalker paper, eq. 9. Every function accepts traced fields in `HlipParameters`.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from iwalker_jax.errors import InputError
+
+Scalar = Any
+"""A Python float, or a traced () array when derivatives with respect to it are wanted."""
+
+_DOUBLING_STEPS = 12  # the doubling recursion squares its error: 12 steps equal 4096 Riccati steps
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class HlipParameters:
+    """Constants of the pendulum; a pytree, so that any of them may be traced and differentiated.
+
+    Attributes:
+        com_height: constant height z0 of the COM above the floor [m].
+        single_support_time: duration T_SSP of single support [s].
+        double_support_time: duration T_DSP of double support [s].
+        gravity: [m/s^2].
+    """
+
+    com_height: Scalar = 0.365
+    single_support_time: Scalar = 0.24
+    double_support_time: Scalar = 0.0
+    gravity: Scalar = 9.81
+
+    def __post_init__(self) -> None:
+        require_range(self, "com_height", 0.01, 10.0, "m")
+        require_range(self, "single_support_time", 0.01, 5.0, "s")
+        require_range(self, "double_support_time", 0.0, 5.0, "s")
+        require_range(self, "gravity", 0.1, 100.0, "m/s^2")
+
+    @property
+    def step_time(self) -> Scalar:
+        """Duration T of one step, T_SSP + T_DSP [s]."""
+        return self.single_support_time + self.double_support_time
+
+    @property
+    def rate(self) -> Scalar:
+        """The pendulum's rate lambda = sqrt(g / z0) [1/s]."""
+        return jnp.sqrt(self.gravity / self.com_height)
+
+
+def require_range(record: Any, name: str, low: float, high: float, unit: str) -> None:
+    """Raise InputError unless the plain number `record.name` lies in [low, high]; arrays and tracers pass."""
+    value = getattr(record, name)
+    if isinstance(value, (int, float)) and not low <= value <= high:
+        raise InputError(f"{type(record).__name__}.{name} is {value} {unit}; give {low:g} to {high:g} {unit}.")
+
+
+def field_values(record: Any) -> tuple[Any, ...]:
+    """Values of a dataclass's fields in their order."""
+    return tuple(getattr(record, field.name) for field in fields(record))
+
+
+class Modes(NamedTuple):
+    """Modal form of the (p, v) dynamics: q = p + lead v obeys q' = pole (q - u) in each of two modes.
+
+    Attributes:
+        pole: () the unstable pole, > 1; the stable one is its inverse (the step map has determinant 1).
+        divergent_lead: () lead time of the divergent component xi = p + lead v [s]; 1/lambda if T_DSP = 0.
+        convergent_lead: () lead time of the convergent component zeta [s]; negative.
+    """
+
+    pole: Float[Array, ""]
+    divergent_lead: Float[Array, ""]
+    convergent_lead: Float[Array, ""]
+
+
+def step_matrices(parameters: HlipParameters) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
+    """Step-to-step map x' = A x + B u of the pre-impact state [c, p, v] (eq. 9)."""
+    rate, double = parameters.rate, parameters.double_support_time
+    cosh = jnp.cosh(rate * parameters.single_support_time)
+    sinh = jnp.sinh(rate * parameters.single_support_time)
+    drift = double * cosh + sinh / rate
+    one, zero = jnp.ones_like(cosh), jnp.zeros_like(cosh)
+    state = jnp.stack(
+        [
+            jnp.stack([one, cosh - 1, drift]),
+            jnp.stack([zero, cosh, drift]),
+            jnp.stack([zero, rate * sinh, cosh + rate * double * sinh]),
+        ]
+    )
+    return state, jnp.stack([1 - cosh, -cosh, -rate * sinh])
+
+
+def modes(parameters: HlipParameters) -> Modes:
+    """Eigenvalues and left eigenvectors of the (p, v) block, in forms that do not cancel for short steps."""
+    rate, double = parameters.rate, parameters.double_support_time
+    angle = rate * parameters.single_support_time
+    sinh = jnp.sinh(angle)
+    sway = rate * double * sinh
+    # trace - 2 and trace + 2 of the block, whose trace is 2 cosh + sway.
+    below, above = 4 * jnp.sinh(angle / 2) ** 2 + sway, 4 * jnp.cosh(angle / 2) ** 2 + sway
+    root = jnp.sqrt(below * above)
+    pole = 1 + (below + root) / 2
+    return Modes(pole, (sway + root) / (2 * rate * sinh), (sway - root) / (2 * rate * sinh))
+
+
+def divergent_component(
+    parameters: HlipParameters, position: Float[Array, "*n"], velocity: Float[Array, "*n"]
+) -> Float[Array, "*n"]:
+    """Divergent component xi = p + lead v [m] relative to the stance foot; xi' = pole (xi - u).
+
+    The COM stays bounded if and only if xi_k = sum_j pole^-j u_{k+j}: the steps to come fix xi, not the past.
+    """
+    return position + modes(parameters).divergent_lead * velocity
+
+
+def orbit_p1(
+    parameters: HlipParameters, velocity: Float[Array, "*n"]
+) -> tuple[Float[Array, "*n"], Float[Array, "*n"], Float[Array, "*n"]]:
+    """Period-one orbit of a mean velocity [m/s]: pre-impact p [m] and v [m/s], and the step size u [m]."""
+    sigma = parameters.rate / jnp.tanh(parameters.rate * parameters.single_support_time / 2)
+    step = velocity * parameters.step_time
+    position = step / (2 + parameters.double_support_time * sigma)
+    return position, sigma * position, step
+
+
+def orbit_p2(
+    parameters: HlipParameters, step: Float[Array, "*n"], next_step: Float[Array, "*n"]
+) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
+    """Period-two orbit of two alternating steps [m]: p [m] and v [m/s] just before `step` is taken.
+
+    The mean velocity is (step + next_step) / (2 T); equal steps give the period-one orbit.
+    """
+    rate, double = parameters.rate, parameters.double_support_time
+    half = rate * parameters.single_support_time / 2
+    sigma = rate * jnp.tanh(half)
+    offset = (rate / jnp.cosh(half)) ** 2 * (step + next_step) / 2 / (rate**2 * double + 2 * sigma)
+    position = (step - double * offset) / (2 + double * sigma)
+    return position, sigma * position + offset
+
+
+def deadbeat_gain(parameters: HlipParameters) -> Float[Array, "2"]:
+    """Gain K of u = u* + K (x - x*) on x = [p, v] that cancels any deviation in two steps."""
+    rate = parameters.rate
+    lead = parameters.double_support_time + 1 / (rate * jnp.tanh(rate * parameters.single_support_time))
+    return jnp.stack([jnp.ones_like(lead), lead])
+
+
+def lqr_gain(
+    parameters: HlipParameters, state_weights: Float[Array, "2"], input_weight: Float[Array, ""]
+) -> Float[Array, "2"]:
+    """Gain K of u = u* + K (x - x*) on x = [p, v] that minimises sum x'diag(w)x + r u^2 for ever.
+
+    The discrete Riccati equation is solved by structure-preserving doubling (Chu, Fan, Lin 2005).
+
+    Args:
+        state_weights: weights of p [1/m^2] and v [s^2/m^2], not both zero.
+        input_weight: weight r > 0 of the step size [1/m^2].
+    """
+    full_state, full_input = step_matrices(parameters)
+    state, column = full_state[1:, 1:], full_input[1:]
+    eye = jnp.eye(2, dtype=state.dtype)
+
+    def double(carry: tuple[Array, Array, Array], _: None) -> tuple[tuple[Array, Array, Array], None]:
+        a, g, h = carry
+        w = jnp.linalg.inv(eye + g @ h)
+        return (a @ w @ a, g + a @ w @ g @ a.T, h + a.T @ h @ w @ a), None
+
+    weights = jnp.diag(jnp.asarray(state_weights, state.dtype))
+    start = (state, jnp.outer(column, column) / input_weight, weights)
+    (_, _, cost), _ = jax.lax.scan(double, start, None, length=_DOUBLING_STEPS)
+    return -(column @ cost @ state) / (input_weight + column @ cost @ column)
