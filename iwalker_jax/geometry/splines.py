@@ -1,0 +1,80 @@
+"""Cubic Hermite paths through waypoints, and re-sampling of polylines by arc length."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+
+def hermite_basis(n_knots: int, n_samples: int) -> np.ndarray:
+    """Matrix (n_samples, n_knots) that maps knots to a uniformly sampled cubic Hermite spline.
+
+    Tangents are finite differences (central inside, one-sided at the ends) in the knot parameter, so the spline is a
+    fixed linear map of its knots and can be applied, differentiated and batched as one matrix product.
+    """
+    tangents = np.zeros((n_knots, n_knots))
+    tangents[0, :2] = [-1.0, 1.0]
+    tangents[-1, -2:] = [-1.0, 1.0]
+    for k in range(1, n_knots - 1):
+        tangents[k, k - 1], tangents[k, k + 1] = -0.5, 0.5
+    parameter = np.linspace(0.0, n_knots - 1, n_samples)
+    segment = np.minimum(parameter.astype(int), n_knots - 2)
+    t = (parameter - segment)[:, None]
+    knots = np.eye(n_knots)
+    return (
+        (2 * t**3 - 3 * t**2 + 1) * knots[segment]
+        + (t**3 - 2 * t**2 + t) * tangents[segment]
+        + (3 * t**2 - 2 * t**3) * knots[segment + 1]
+        + (t**3 - t**2) * tangents[segment + 1]
+    )
+
+
+def hermite_path(knots: Float[Array, "*batch k 2"], n_samples: int) -> Float[Array, "*batch n 2"]:
+    """Points [m] of the cubic Hermite spline through the knots, uniform in the knot parameter; ends included."""
+    basis = jnp.asarray(hermite_basis(knots.shape[-2], n_samples), knots.dtype)
+    return basis @ knots
+
+
+def safe_norm(vectors: Float[Array, "*batch d"], epsilon: float = 1e-6) -> Float[Array, "*batch"]:
+    """Euclidean length sqrt(|x|^2 + epsilon^2) - epsilon: zero at zero, with a finite gradient there."""
+    return jnp.sqrt(jnp.sum(vectors**2, axis=-1) + epsilon**2) - epsilon
+
+
+def arc_length(path: Float[Array, "n 2"]) -> Float[Array, " n"]:
+    """Cumulative length [m] along a polyline, starting at zero."""
+    steps = safe_norm(jnp.diff(path, axis=0))
+    return jnp.concatenate([jnp.zeros_like(steps[:1]), jnp.cumsum(steps)])
+
+
+def sample_at_arc_length(path: Float[Array, "n 2"], distances: Float[Array, " m"]) -> Float[Array, "m 2"]:
+    """Points [m] at the given distances [m] along a polyline; beyond its ends the end points are returned."""
+    return interpolate_along(arc_length(path), path, distances)
+
+
+def interpolate_along(
+    lengths: Float[Array, " n"], values: Float[Array, "n d"], distances: Float[Array, " m"]
+) -> Float[Array, "m d"]:
+    """Piecewise-linear values at given distances of a quantity known at the (non-decreasing) lengths."""
+    after = jnp.clip(jnp.searchsorted(lengths, distances, side="right", method="scan_unrolled"), 1, len(lengths) - 1)
+    before = after - 1
+    gap = lengths[after] - lengths[before]
+    positive = gap > 0
+    # A repeated point makes a zero-length segment: take its first end, with a zero (not NaN) gradient.
+    fraction = jnp.where(positive, (distances - lengths[before]) / jnp.where(positive, gap, 1.0), 0.0)
+    fraction = jnp.clip(fraction, 0.0, 1.0)[:, None]
+    return values[before] * (1 - fraction) + values[after] * fraction
+
+
+def resample_by_arc_length(path: Float[Array, "n 2"], n_samples: int) -> Float[Array, "m 2"]:
+    """The same polyline with evenly spaced points [m]; ends included."""
+    total = arc_length(path)[-1]
+    return sample_at_arc_length(path, jnp.linspace(0.0, 1.0, n_samples, dtype=path.dtype) * total)
+
+
+def path_tangents(path: Float[Array, "n 2"]) -> Float[Array, "n 2"]:
+    """Unit tangents of a path by central differences; (1, 0) where the path stands still."""
+    difference = jnp.concatenate([path[1:2] - path[:1], path[2:] - path[:-2], path[-1:] - path[-2:-1]])
+    length = jnp.sqrt(jnp.sum(difference**2, axis=-1, keepdims=True) + 1e-12)
+    forward = jnp.zeros_like(difference).at[:, 0].set(1.0)
+    moving = length > 1e-5
+    return jnp.where(moving, difference / length, jax.lax.stop_gradient(forward))

@@ -1,0 +1,57 @@
+"""What a metre of walking costs, from the distance field and from what is unknown."""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.perception.grid import GridSpec
+
+
+@dataclass(frozen=True)
+class TraversalRules:
+    """Cost per metre as a function of clearance; 1 in open, seen space.
+
+    Attributes:
+        body_radius: [m] half the shoulder width; nearer than this the body touches.
+        comfort: [m] clearance from which a metre costs no more than in the open.
+        discomfort: extra cost per metre where the body just fits, growing quadratically below `comfort`.
+        contact: extra cost per metre where the body touches; finite, so that a route out of contact always exists.
+        contact_ramp: [m] over which the contact cost rises, centred on `body_radius`.
+        unknown: extra cost per metre through space that was not seen.
+    """
+
+    body_radius: float = 0.125
+    comfort: float = 0.45
+    discomfort: float = 2.0
+    contact: float = 30.0
+    contact_ramp: float = 0.10
+    unknown: float = 0.7
+
+    def __post_init__(self) -> None:
+        if not 0 < self.body_radius < self.comfort or not self.contact_ramp > 0:
+            raise InputError("TraversalRules needs 0 < body_radius < comfort and contact_ramp > 0.")
+        if min(self.discomfort, self.contact, self.unknown) < 0:
+            raise InputError("Traversal costs must not be negative.")
+
+
+def traversal_cost(
+    clearance: Float[Array, "*shape"], unknown: Float[Array, "*shape"], rules: TraversalRules
+) -> Float[Array, "*shape"]:
+    """Cost per metre at a clearance [m] and a degree of being unknown (0 seen .. 1 unseen); differentiable."""
+    tightness = jnp.clip((rules.comfort - clearance) / (rules.comfort - rules.body_radius), 0.0, 1.0)
+    touching = jnp.clip((rules.body_radius - clearance) / rules.contact_ramp + 0.5, 0.0, 1.0)
+    smooth = touching * touching * (3.0 - 2.0 * touching)
+    return 1.0 + rules.discomfort * tightness**2 + rules.contact * smooth + rules.unknown * unknown
+
+
+def halved(grid: GridSpec) -> GridSpec:
+    """The grid with cells twice as large, over the same ground (an odd last row or column is dropped)."""
+    return GridSpec(grid.x_min, grid.y_min, 2 * grid.resolution, grid.rows // 2, grid.columns // 2)
+
+
+def pool_2x2(field: Float[Array, "rows columns"]) -> Float[Array, "half_rows half_columns"]:
+    """Mean of every 2 x 2 block: the field on the `halved` grid."""
+    rows, columns = field.shape[0] // 2, field.shape[1] // 2
+    return field[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2).mean(axis=(1, 3))

@@ -1,0 +1,171 @@
+"""iPath: the network that turns a depth image and a goal into waypoints."""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Float
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.planning.residual_network import Conv, Trunk, trunk_size
+
+
+@dataclass(frozen=True)
+class IPathConfig:
+    """Size and kind of the iPath network.
+
+    Attributes:
+        variant: "light" (trains on two CPU cores) or "paper" (the published 53 M parameter layout at 360 x 640).
+        height, width: [px] depth image size.
+        waypoints: number of predicted waypoints.
+        trunk_width: channels of the first residual stage; the published network has 64.
+        hidden: units of the light variant's fully connected layers.
+        goal_reach: [m] goals farther than this are pulled in along their bearing before the network sees them.
+        nearest_depth: [m] where the light variant's inverse-depth input saturates.
+        goal_is_end: replace the last waypoint by the goal, as published; otherwise the end point is free.
+    """
+
+    variant: Literal["light", "paper"] = "light"
+    height: int = 90
+    width: int = 160
+    waypoints: int = 5
+    trunk_width: int = 16
+    hidden: int = 256
+    goal_reach: float = 6.0
+    nearest_depth: float = 0.3
+    goal_is_end: bool = False
+
+    def __post_init__(self) -> None:
+        if self.variant not in ("light", "paper"):
+            raise InputError(f"Unknown iPath variant {self.variant!r}; choose 'light' or 'paper'.")
+        if self.height < 64 or self.width < 96:
+            raise InputError(f"iPath needs depth images of at least 64 x 96 px, got {self.height} x {self.width}.")
+        if self.waypoints < 2 or self.trunk_width < 4 or self.goal_reach <= 0:
+            raise InputError("iPath needs at least 2 waypoints, 4 trunk channels and a positive goal reach.")
+
+
+class IPathOutput(NamedTuple):
+    """What iPath predicts.
+
+    Attributes:
+        waypoints: (batch, waypoints, 2) [m] in the base frame; the origin itself is not among them.
+        fear: (batch,) logit of the path meeting an obstacle.
+    """
+
+    waypoints: Float[Array, "batch k 2"]
+    fear: Float[Array, " batch"]
+
+
+def reduced_goal(goal: Float[Array, "*batch 2"], reach: float) -> Float[Array, "*batch 2"]:
+    """The goal [m], pulled in to `reach` along its bearing; non-finite goals become the origin (stay)."""
+    finite = jnp.all(jnp.isfinite(goal), axis=-1, keepdims=True)
+    goal = jnp.where(finite, goal, 0.0)
+    # Scale by the larger coordinate first: squaring a goal 1e30 m away would overflow.
+    largest = jnp.maximum(jnp.max(jnp.abs(goal), axis=-1, keepdims=True), 1e-6)
+    unit = goal / largest
+    distance = largest * jnp.sqrt(jnp.sum(unit**2, axis=-1, keepdims=True))
+    return goal * jnp.minimum(1.0, reach / jnp.maximum(distance, 1e-6))
+
+
+class IPath(nnx.Module):
+    """Depth image + goal -> waypoints and fear; see `IPathConfig` for the two sizes."""
+
+    def __init__(self, config: IPathConfig, rngs: nnx.Rngs):
+        self.config = config
+        head = _PaperHead if config.variant == "paper" else _LightHead
+        self.trunk = Trunk(1 if config.variant == "paper" else 4, config.trunk_width, rngs)
+        self.head = head(config, rngs)
+
+    def __call__(self, depth: Float[Array, "batch h w"], goal: Float[Array, "batch 2"]) -> IPathOutput:
+        """Plan for a batch.
+
+        Args:
+            depth: z-depth [m], 0 = no return.
+            goal: [m] in the base frame (x forward, y left), any distance.
+        """
+        config = self.config
+        near_goal = reduced_goal(goal, config.goal_reach)
+        if config.variant == "paper":
+            features = self.trunk(depth[..., None])
+        else:
+            features = self.trunk(_light_input(depth, config))
+        waypoints, fear = self.head(features, near_goal)
+        if config.goal_is_end:
+            waypoints = waypoints.at[:, -1].set(near_goal)
+        return IPathOutput(waypoints, fear)
+
+
+def _light_input(depth: Float[Array, "batch h w"], config: IPathConfig) -> Float[Array, "batch h w 4"]:
+    """Inverse depth, validity and the two image coordinates.
+
+    A flat floor is an affine function of the pixel in inverse depth, so obstacles are departures from a plane there.
+    """
+    valid = (depth > 0).astype(depth.dtype)
+    inverse = valid / jnp.maximum(depth, config.nearest_depth)
+    rows = jnp.broadcast_to(jnp.linspace(-1.0, 1.0, depth.shape[1])[None, :, None], depth.shape)
+    columns = jnp.broadcast_to(jnp.linspace(-1.0, 1.0, depth.shape[2])[None, None, :], depth.shape)
+    return jnp.stack([inverse, valid, rows.astype(depth.dtype), columns.astype(depth.dtype)], axis=-1)
+
+
+class _LightHead(nnx.Module):
+    """Reduces the channels, keeps every image position, and adds the goal before two hidden layers."""
+
+    def __init__(self, config: IPathConfig, rngs: nnx.Rngs):
+        height, width = trunk_size(config.height), trunk_size(config.width)
+        features = height * width * 8 * config.trunk_width
+        hidden = config.hidden
+        self.image = nnx.Linear(features, hidden, rngs=rngs)
+        self.goal = nnx.Linear(6, hidden, rngs=rngs)
+        self.hidden1 = nnx.Linear(2 * hidden, hidden, rngs=rngs)
+        self.hidden2 = nnx.Linear(hidden, hidden, rngs=rngs)
+        self.waypoints = nnx.Linear(hidden, 2 * config.waypoints, rngs=rngs)
+        self.fear = nnx.Linear(hidden, 1, rngs=rngs)
+        self.count = config.waypoints
+
+    def __call__(self, x, goal):
+        batch = x.shape[0]
+        image = jax.nn.relu(self.image(x.reshape(batch, -1)))
+        distance = jnp.sqrt(jnp.sum(goal**2, axis=-1, keepdims=True) + 1e-6)
+        embedded = jnp.concatenate([goal, distance, goal / distance, 1.0 / (1.0 + distance)], axis=-1)
+        joint = jnp.concatenate([image, jax.nn.relu(self.goal(embedded))], axis=-1)
+        joint = jax.nn.relu(self.hidden1(joint))
+        joint = joint + jax.nn.relu(self.hidden2(joint))
+        # Waypoints are departures from the evenly divided straight line, which is right in free space.
+        fractions = (jnp.arange(self.count) + 1.0) / self.count
+        line = fractions[None, :, None] * goal[:, None, :]
+        departure = self.waypoints(joint).reshape(batch, self.count, 2)
+        return line + departure, self.fear(joint)[:, 0]
+
+
+class _PaperHead(nnx.Module):
+    """The published head: goal Linear(3 -> 16) broadcast, two convolutions, 1024 -> 512 -> waypoints x 3."""
+
+    def __init__(self, config: IPathConfig, rngs: nnx.Rngs):
+        channels = 8 * config.trunk_width
+        height, width = trunk_size(config.height), trunk_size(config.width)
+        # The published paddings shrink the map by 4; images too small for that keep it instead.
+        self.shrinks = min(height, width) > 4
+        self.goal = nnx.Linear(3, 16, rngs=rngs)
+        self.conv1 = Conv(5, channels + 16, channels, 1, 1 if self.shrinks else 2, True, rngs)
+        self.conv2 = Conv(3, channels, channels // 2, 1, 0 if self.shrinks else 1, True, rngs)
+        loss = 4 if self.shrinks else 0
+        self.dense1 = nnx.Linear((height - loss) * (width - loss) * (channels // 2), 1024, rngs=rngs)
+        self.dense2 = nnx.Linear(1024, 512, rngs=rngs)
+        self.waypoints = nnx.Linear(512, 3 * config.waypoints, rngs=rngs)
+        self.fear1 = nnx.Linear(1024, 128, rngs=rngs)
+        self.fear2 = nnx.Linear(128, 1, rngs=rngs)
+        self.count = config.waypoints
+
+    def __call__(self, x, goal):
+        batch, height, width, _ = x.shape
+        flat_goal = jnp.concatenate([goal, jnp.zeros_like(goal[:, :1])], axis=-1)
+        embedded = jnp.broadcast_to(self.goal(flat_goal)[:, None, None, :], (batch, height, width, 16))
+        x = jnp.concatenate([x, embedded], axis=-1)
+        x = jax.nn.relu(self.conv1(x))
+        x = jax.nn.relu(self.conv2(x)).reshape(batch, -1)
+        shared = jax.nn.relu(self.dense1(x))
+        waypoints = self.waypoints(jax.nn.relu(self.dense2(shared))).reshape(batch, self.count, 3)
+        fear = self.fear2(jax.nn.relu(self.fear1(shared)))[:, 0]
+        return waypoints[..., :2], fear

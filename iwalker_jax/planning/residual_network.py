@@ -1,0 +1,103 @@
+"""The residual trunk shared by both iPath sizes: ResNet-18's layout at any width."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Array, Float
+
+
+class Conv(nnx.Module):
+    """A convolution whose weights are He-initialised; NHWC."""
+
+    def __init__(self, kernel: int, c_in: int, c_out: int, stride: int, pad: int, bias: bool, rngs: nnx.Rngs):
+        scale = float(np.sqrt(2.0 / (kernel * kernel * c_in)))
+        self.kernel = nnx.Param(scale * jax.random.normal(rngs.params(), (kernel, kernel, c_in, c_out)))
+        self.has_bias = bias
+        if bias:
+            self.bias = nnx.Param(jnp.zeros(c_out))
+        self.stride, self.pad = stride, pad
+
+    def __call__(self, x: Float[Array, "batch h w c"]) -> Float[Array, "batch h2 w2 d"]:
+        y = conv2d(x, self.kernel[...], self.stride, self.pad)
+        return y + self.bias[...] if self.has_bias else y
+
+
+class ResidualBlock(nnx.Module):
+    """Two 3x3 convolutions and a shortcut; normalisation in the 1x1 shortcut alone, as published."""
+
+    def __init__(self, c_in: int, c_out: int, stride: int, rngs: nnx.Rngs):
+        self.first = Conv(3, c_in, c_out, stride, 1, False, rngs)
+        self.second = Conv(3, c_out, c_out, 1, 1, False, rngs)
+        # Without normalisation the residual branches would double the variance at every block.
+        self.second.kernel[...] = 0.5 * self.second.kernel[...]
+        self.has_shortcut = stride != 1 or c_in != c_out
+        if self.has_shortcut:
+            self.shortcut = Conv(1, c_in, c_out, stride, 0, False, rngs)
+            self.scale = nnx.Param(jnp.ones(c_out))
+            self.offset = nnx.Param(jnp.zeros(c_out))
+
+    def __call__(self, x: Float[Array, "batch h w c"]) -> Float[Array, "batch h2 w2 d"]:
+        y = self.second(jax.nn.relu(self.first(x)))
+        if self.has_shortcut:
+            x = self.shortcut(x)
+            # Statistics over the image alone: the same at batch 1 and 16, in training and in use.
+            mean = jnp.mean(x, axis=(1, 2), keepdims=True)
+            variance = jnp.var(x, axis=(1, 2), keepdims=True)
+            x = (x - mean) * jax.lax.rsqrt(variance + 1e-5) * self.scale[...] + self.offset[...]
+        return jax.nn.relu(x + y)
+
+
+class Trunk(nnx.Module):
+    """ResNet-18 layout [2, 2, 2, 2]: 7x7/2 stem, 3x3/2 max-pool, four stages that double the channels."""
+
+    def __init__(self, c_in: int, width: int, rngs: nnx.Rngs):
+        self.stem = Conv(7, c_in, width, 2, 3, False, rngs)
+        blocks = []
+        channels = width
+        for stage in range(4):
+            wide = width * 2**stage
+            blocks += [
+                ResidualBlock(channels, wide, 2 if stage else 1, rngs),
+                ResidualBlock(wide, wide, 1, rngs),
+            ]
+            channels = wide
+        self.blocks = nnx.List(blocks)
+
+    def __call__(self, x: Float[Array, "batch h w c"]) -> Float[Array, "batch h2 w2 d"]:
+        x = max_pool_3x3(jax.nn.relu(self.stem(x)))
+        for block in self.blocks:
+            x = block(x)
+        return x
+
+
+def trunk_size(pixels: int) -> int:
+    """Side of the trunk's last map for an image side: five strided layers, each rounding up."""
+    for _ in range(5):
+        pixels = (pixels + 1) // 2
+    return pixels
+
+
+def conv2d(
+    x: Float[Array, "batch h w c"], kernel: Float[Array, "kh kw c d"], stride: int, pad: int
+) -> Float[Array, "batch h2 w2 d"]:
+    """Cross-correlation of NHWC images with an HWIO kernel, zero padding `pad` on every side."""
+    return jax.lax.conv_general_dilated(
+        x, kernel, (stride, stride), ((pad, pad), (pad, pad)), dimension_numbers=("NHWC", "HWIO", "NHWC")
+    )
+
+
+def max_pool_3x3(x: Float[Array, "batch h w c"]) -> Float[Array, "batch h2 w2 c"]:
+    """3x3 maximum with stride 2 and padding 1, separable: two passes of three strided slices.
+
+    `lax.reduce_window`'s gradient (select-and-scatter) is several times slower on CPUs than these slices.
+    """
+    for axis in (1, 2):
+        widths = [(0, 0)] * 4
+        size = x.shape[axis]
+        out = (size + 1) // 2
+        widths[axis] = (1, max(2 * out - size, 0))
+        padded = jnp.pad(x, widths, constant_values=-jnp.inf)
+        parts = [jax.lax.slice_in_dim(padded, k, k + 2 * out - 1, 2, axis) for k in range(3)]
+        x = jnp.maximum(jnp.maximum(parts[0], parts[1]), parts[2])
+    return x

@@ -1,0 +1,90 @@
+"""The robot state that iStepper and the step MPC see, and how to sample plausible ones."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.optimization.hlip import HlipParameters
+
+
+@dataclass(frozen=True)
+class StepGeometry:
+    """How BRUCE's feet are placed about a path.
+
+    Attributes:
+        length: [m] desired advance along the path from one footstep to the next.
+        width: [m] desired distance between the two feet's tracks; the left track lies at +width/2.
+        count: footsteps planned at a time.
+        body_radius: [m] half the shoulder width: the clearance a walking body needs.
+    """
+
+    length: float = 0.10
+    width: float = 0.09
+    count: int = 20
+    body_radius: float = 0.125
+
+    def __post_init__(self) -> None:
+        if not (0 < self.length <= 0.2 and 0.03 <= self.width <= 0.2):
+            raise InputError(
+                f"Step length must lie in (0, 0.20] m and width in [0.03, 0.20] m, got {self.length} and {self.width}."
+            )
+        if not 1 <= self.count <= 50 or self.body_radius <= 0:
+            raise InputError("The step count must lie in 1..50 and the body radius must be positive.")
+
+
+class RobotState(NamedTuple):
+    """What iStepper knows of the robot, in the base frame whose origin lies below the COM.
+
+    Attributes:
+        com_from_stance: (2,) [m] COM position minus stance foot (x forward, y left).
+        com_velocity: (2,) [m/s].
+        stance_side: () +1 when the left foot is the stance foot, so that the next footstep is a right one; else -1.
+        time_in_step: () [s] since the last touchdown.
+    """
+
+    com_from_stance: Float[Array, "*batch 2"]
+    com_velocity: Float[Array, "*batch 2"]
+    stance_side: Float[Array, "*batch"]
+    time_in_step: Float[Array, "*batch"]
+
+    def mirrored(self) -> "RobotState":
+        """The state of the mirror-image robot (left and right exchanged)."""
+        flip = jnp.asarray([1.0, -1.0], self.com_from_stance.dtype)
+        return RobotState(self.com_from_stance * flip, self.com_velocity * flip, -self.stance_side, self.time_in_step)
+
+
+def pre_impact_planes(state: RobotState, hlip: HlipParameters) -> Float[Array, "2 3"]:
+    """Pre-impact H-LIP states [c, p, v] of the x and the y plane, reached by the pendulum at this step's end.
+
+    Over the remaining single support t the pendulum flows as p(t) = p cosh(lambda t) + v sinh(lambda t) / lambda.
+    """
+    rate = hlip.rate
+    remaining = jnp.clip(hlip.single_support_time - state.time_in_step, 0.0, hlip.single_support_time)
+    cosh, sinh = jnp.cosh(rate * remaining), jnp.sinh(rate * remaining)
+    position = state.com_from_stance * cosh + state.com_velocity * sinh / rate
+    velocity = state.com_from_stance * rate * sinh + state.com_velocity * cosh
+    return jnp.stack([position - state.com_from_stance, position, velocity], axis=-1)
+
+
+def sample_robot_state(key: Array, geometry: StepGeometry, hlip: HlipParameters) -> RobotState:
+    """A random disturbed state near the walking orbits: any phase, either side, speed 0 to 0.3 m/s."""
+    k_side, k_speed, k_time, k_position, k_velocity = jax.random.split(key, 5)
+    rate = hlip.rate
+    period = hlip.single_support_time
+    side = jnp.where(jax.random.bernoulli(k_side), 1.0, -1.0)
+    speed = jax.random.uniform(k_speed, minval=0.0, maxval=0.3)
+    time = jax.random.uniform(k_time, minval=0.0, maxval=period)
+    # Both orbits are symmetric about mid-stance: sinh in the direction of travel, cosh sideways.
+    phase = rate * (time - period / 2)
+    half = rate * period / 2
+    x = speed * period / 2 * jnp.sinh(phase) / jnp.sinh(half)
+    vx = speed * period / 2 * rate * jnp.cosh(phase) / jnp.sinh(half)
+    y = -side * geometry.width / 2 * jnp.cosh(phase) / jnp.cosh(half)
+    vy = -side * geometry.width / 2 * rate * jnp.sinh(phase) / jnp.cosh(half)
+    position = jnp.stack([x, y]) + 0.01 * jax.random.normal(k_position, (2,))
+    velocity = jnp.stack([vx, vy]) + 0.03 * jax.random.normal(k_velocity, (2,))
+    return RobotState(position, velocity, side, time)

@@ -1,0 +1,184 @@
+"""The upper-level losses: U_path teaches iPath alone, U_step teaches iStepper and, through the path, iPath."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.splines import resample_by_arc_length, safe_norm
+from iwalker_jax.optimization.hlip import HlipParameters
+from iwalker_jax.optimization.solution import GradientMode
+from iwalker_jax.optimization.step_mpc import StepMpcWeights, solve_step_mpc
+from iwalker_jax.optimization.unicycle import UnicycleParameters, initial_state_from_reference
+from iwalker_jax.optimization.unicycle_mpc import solve_unicycle
+from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
+from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
+from iwalker_jax.perception.traversal import TraversalRules, traversal_cost
+from iwalker_jax.planning.footsteps import closest_on_path, footstep_sides
+from iwalker_jax.planning.robot_state import RobotState, StepGeometry, pre_impact_planes
+from iwalker_jax.training.maps import ROUTE_GRID, FrameMaps
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Weights of the terms of U_path and U_step; zero switches a term off.
+
+    Attributes:
+        tracking: [1/m^2] MSE between the path and its unicycle optimum (eq. 4).
+        regret: [1/m] cost of the path plus the cost-to-go from its end, minus the cost-to-go from the robot: zero
+            for the best route through the frame's own map. The published method replaces the last waypoint by the
+            goal instead, which leaves goals inside, behind or beyond obstacles without an answer.
+        progress: [1/m] cost-to-go from the path's end.
+        clearance: worst body overlap along the path.
+        fear: binary cross-entropy of the predicted fear.
+        step_tracking: [1/m^2] MSE between the footsteps and their H-LIP optimum (eq. 9).
+        step_width, step_length: [1/m^2] squared departures from the desired width and length (eqs. 12-14).
+        step_collision: body overlap at the footsteps (U_ESDF).
+        published_collision: published map's value at the footsteps, the paper's own U_ESDF.
+        step_to_path: whether U_step's gradient reaches iPath.
+    """
+
+    tracking: float = 40.0
+    regret: float = 1.0
+    progress: float = 0.5
+    clearance: float = 2.0
+    fear: float = 0.1
+    step_tracking: float = 100.0
+    step_width: float = 100.0
+    step_length: float = 100.0
+    step_collision: float = 2.0
+    published_collision: float = 0.0
+    step_to_path: bool = True
+
+    def __post_init__(self) -> None:
+        numbers = [value for value in vars(self).values() if not isinstance(value, bool)]
+        if any(not value >= 0 for value in numbers):
+            raise InputError("Loss weights must be finite and not negative.")
+
+
+@dataclass(frozen=True)
+class PlannerModels:
+    """The models that the two lower-level optimisations and the costs are made of.
+
+    Attributes:
+        unicycle: the path MPC.
+        hlip, step_weights: the step MPC.
+        steps: desired foot placement.
+        traversal: cost of walking through the map.
+        safety_margin: [m] clearance beyond the body radius that the collision terms ask for.
+    """
+
+    unicycle: UnicycleParameters = UnicycleParameters()
+    hlip: HlipParameters = HlipParameters()
+    step_weights: StepMpcWeights = StepMpcWeights()
+    steps: StepGeometry = StepGeometry()
+    traversal: TraversalRules = TraversalRules()
+    safety_margin: float = 0.15
+
+
+class PathLosses(NamedTuple):
+    """Terms of U_path for one frame, unweighted (see `LossWeights`), and whether the lower level converged."""
+
+    tracking: Float[Array, ""]
+    regret: Float[Array, ""]
+    progress: Float[Array, ""]
+    clearance: Float[Array, ""]
+    fear: Float[Array, ""]
+    converged: Bool[Array, ""]
+
+
+class StepLosses(NamedTuple):
+    """Terms of U_step for one frame, unweighted (see `LossWeights`), and whether the lower level converged."""
+
+    step_tracking: Float[Array, ""]
+    step_width: Float[Array, ""]
+    step_length: Float[Array, ""]
+    step_collision: Float[Array, ""]
+    published_collision: Float[Array, ""]
+    converged: Bool[Array, ""]
+
+
+def overlap(clearance: Float[Array, "*n"], models: PlannerModels) -> Float[Array, "*n"]:
+    """Squared lack of clearance, 1 where an obstacle reaches the body's axis, 0 beyond the safety margin."""
+    wanted = models.traversal.body_radius + models.safety_margin
+    return jnp.maximum(wanted - clearance, 0.0) ** 2 / wanted**2
+
+
+def path_losses(
+    path: Float[Array, "n 2"],
+    fear: Float[Array, ""],
+    maps: FrameMaps,
+    models: PlannerModels,
+    gradient: GradientMode,
+) -> PathLosses:
+    """Terms of U_path.
+
+    Args:
+        path: (n, 2) [m] sampled uniformly in the spline's parameter, starting at the robot.
+        fear: logit.
+        maps: of this frame and goal.
+        models: lower-level models.
+        gradient: how the unicycle MPC is differentiated; `stopped` is the published way.
+    """
+    # The reference is even in arc length and the prediction is not, so uneven waypoints are punished as well.
+    reference = resample_by_arc_length(path, path.shape[0])
+    solution = solve_unicycle(reference, initial_state_from_reference(reference), models.unicycle, gradient)
+    tracking = jnp.mean(jnp.sum((path - solution.value.path) ** 2, axis=-1))
+
+    clearance = sample_smooth(maps.esdf, DEFAULT_GRID, path)
+    unknown = sample_bilinear(maps.unknown, ROUTE_GRID, path, outside="clamp")
+    cost = traversal_cost(clearance, unknown, models.traversal)
+    lengths = safe_norm(jnp.diff(path, axis=0))
+    spent = jnp.sum(0.5 * (cost[1:] + cost[:-1]) * lengths)
+    to_go = sample_smooth(maps.route, ROUTE_GRID, path[-1])
+    best = jax.lax.stop_gradient(sample_smooth(maps.route, ROUTE_GRID, path[0]))
+
+    worst = jnp.max(overlap(clearance, models))
+    touches = jax.lax.stop_gradient((jnp.min(clearance) < models.traversal.body_radius).astype(path.dtype))
+    fear_loss = jnp.logaddexp(0.0, fear) - touches * fear
+    return PathLosses(tracking, spent + to_go - best, to_go, worst, fear_loss, solution.gradient_valid)
+
+
+def step_losses(
+    footsteps: Float[Array, "m 2"],
+    path: Float[Array, "n 2"],
+    state: RobotState,
+    maps: FrameMaps,
+    models: PlannerModels,
+    gradient: GradientMode,
+) -> StepLosses:
+    """Terms of U_step.
+
+    Args:
+        footsteps: (m, 2) [m] predicted, base frame.
+        path: the path that they follow.
+        state: of this robot.
+        maps: of this frame.
+        models: lower-level models.
+        gradient: how the step MPC is differentiated.
+    """
+    planes = pre_impact_planes(state, models.hlip)
+    solution = solve_step_mpc(footsteps, planes, models.hlip, models.step_weights, gradient)
+    tracking = jnp.mean(jnp.sum((footsteps - solution.value.footsteps) ** 2, axis=-1))
+
+    geometry = models.steps
+    lateral, advance = closest_on_path(path, footsteps)
+    sides = footstep_sides(state.stance_side, geometry.count)
+    width = jnp.mean((lateral - sides * geometry.width / 2) ** 2)
+    # A path that ends early ends in stepping on the spot: the desired advance stops with it.
+    wanted = jnp.minimum(geometry.length * (jnp.arange(geometry.count) + 1.0), advance.total)
+    length = jnp.mean((jnp.diff(advance.along, prepend=0.0) - jnp.diff(wanted, prepend=0.0)) ** 2)
+
+    collision = jnp.mean(overlap(sample_smooth(maps.esdf, DEFAULT_GRID, footsteps), models))
+    published = jnp.sum(sample_bilinear(maps.published, PUBLISHED_GRID, footsteps, outside="clamp"))
+    return StepLosses(tracking, width, length, collision, published, solution.gradient_valid)
+
+
+def weighted_sum(losses: PathLosses | StepLosses, weights: LossWeights) -> Float[Array, ""]:
+    """Weighted sum of the terms of U_path or U_step."""
+    terms = losses._asdict()
+    terms.pop("converged")
+    return sum((getattr(weights, name) * value for name, value in terms.items()), start=jnp.zeros(()))

@@ -1,0 +1,97 @@
+"""Maps that the losses sample, made once for each frame from its own depth image: the training's only supervision."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception.cost_to_go import cost_to_go
+from iwalker_jax.perception.grid import DEFAULT_GRID
+from iwalker_jax.perception.local_map import build_local_map
+from iwalker_jax.perception.traversal import TraversalRules, halved, pool_2x2, traversal_cost
+from iwalker_jax.training.frames import DEPTH_UNIT, FrameSet
+
+ROUTE_GRID = halved(DEFAULT_GRID)
+"""10 cm cells are fine enough for routes; clearance itself is sampled from the 5 cm distance field."""
+
+
+class TrainingData(NamedTuple):
+    """A frame set with its maps, as arrays with a leading frame axis. Half precision where millimetres suffice.
+
+    Attributes:
+        depth: (n, height, width) uint16 [mm].
+        goals: (n, g, 2) [m] in base.
+        esdf: (n, rows, columns) float16 [m] on `DEFAULT_GRID`.
+        unknown: (n, half_rows, half_columns) float16, share of unseen cells on `ROUTE_GRID`.
+        routes: (n, g, half_rows, half_columns) float16, cost-to-go to each goal on `ROUTE_GRID`.
+        published: (n, 100, 100) float16, the paper's collision map.
+    """
+
+    depth: Array
+    goals: Array
+    esdf: Array
+    unknown: Array
+    routes: Array
+    published: Array
+
+
+class FrameMaps(NamedTuple):
+    """The maps of one frame and one goal, in single precision (see `TrainingData`)."""
+
+    esdf: Float[Array, "*batch rows columns"]
+    unknown: Float[Array, "*batch half_rows half_columns"]
+    route: Float[Array, "*batch half_rows half_columns"]
+    published: Float[Array, "*batch map_rows map_columns"]
+
+    def mirrored(self) -> "FrameMaps":
+        """Left and right exchanged (the grids are symmetric about the x axis)."""
+        return FrameMaps(*(field[..., ::-1] for field in self))
+
+
+def frame_maps(
+    depth: Float[Array, "height width"],
+    mount: Float[Array, " 5"],
+    goals: Float[Array, "g 2"],
+    intrinsics: Intrinsics,
+    rules: TraversalRules,
+) -> FrameMaps:
+    """Maps of one depth image [m] and its goals [m]; `route` gets a leading goal axis. Pure; jit and vmap it."""
+    local = build_local_map(depth, mount, intrinsics)
+    unknown = pool_2x2(local.unknown.astype(jnp.float32))
+    cost = traversal_cost(pool_2x2(local.esdf), unknown, rules)
+    routes = jax.vmap(lambda goal: cost_to_go(cost, goal, ROUTE_GRID).value.cost)(goals)
+    return FrameMaps(local.esdf, unknown, routes, local.published)
+
+
+def prepare(
+    frames: FrameSet, intrinsics: Intrinsics, rules: TraversalRules, batch: int = 16, on_progress=lambda done: None
+) -> TrainingData:
+    """Make all maps of a frame set, `batch` frames at a time; `on_progress` hears how many frames are done."""
+    many = jax.jit(
+        jax.vmap(lambda depth, mount, goals: _half(frame_maps(depth * DEPTH_UNIT, mount, goals, intrinsics, rules)))
+    )
+    n = len(frames)
+    parts = []
+    for start in range(0, n, batch):
+        index = jnp.minimum(jnp.arange(start, start + batch), n - 1)
+        # The last batch is filled up with its last frame, so that one program serves all.
+        depth = jnp.asarray(frames.depth[index]).astype(jnp.float32)
+        maps = many(depth, jnp.asarray(frames.mounts[index]), jnp.asarray(frames.goals[index]))
+        parts.append(jax.tree.map(lambda x, keep=min(batch, n - start): x[:keep], maps))
+        on_progress(min(start + batch, n))
+    maps = jax.tree.map(lambda *x: jnp.concatenate(x), *parts)
+    return TrainingData(
+        jnp.asarray(frames.depth),
+        jnp.asarray(frames.goals, jnp.float32),
+        maps.esdf,
+        maps.unknown,
+        maps.route,
+        maps.published,
+    )
+
+
+def _half(maps: FrameMaps) -> FrameMaps:
+    # 60000 keeps the unreachable cost below the largest half-precision number.
+    return FrameMaps(*(jnp.clip(field, -60000.0, 60000.0).astype(jnp.float16) for field in maps))
