@@ -1,0 +1,115 @@
+"""Exact Euclidean distance transforms of occupancy maps: to the nearest obstacle, and two-sided.
+
+Notation: i, j are the row and column of a cell, h(i, j) the distance along column j to the nearest cell of the other
+class (occupied or free), D(i, j) the squared distance to the nearest cell of the other class, all in cells. Then
+
+    D(i, j) = min( r(i, j)^2, min_k (j - k)^2 + h(i, k)^2 ),
+
+with r the distance along row i to the nearest cell of the other class (after Saito and Toriwaki, 1994). The class of
+cell (i, k) needs no test: where it is the other one, r is already the smaller term. Hence one pass gives the distance
+outside and inside obstacles alike.
+"""
+
+import jax.numpy as jnp
+from jax import lax
+from jax.custom_batching import sequential_vmap
+from jaxtyping import Array, Bool, Float, Int
+
+_SHIFTS = 16
+"""Columns to either side that one step of the row pass tries: enough work to hide the cost of a loop iteration."""
+
+
+def distance_transform(occupied: Bool[Array, "rows columns"], resolution: float) -> Float[Array, "rows columns"]:
+    """Distance [m] from each cell's centre to the nearest occupied cell's centre; 0 in occupied cells.
+
+    Args:
+        occupied: obstacles.
+        resolution: [m] side of a cell.
+
+    Returns:
+        Distances [m]; the grid's diagonal, `grid_diagonal`, everywhere if no cell is occupied.
+    """
+    squared = jnp.where(occupied, 0, _squared_distance_to_other_class(occupied))
+    return _metres(squared, resolution)
+
+
+def signed_distance_field(occupied: Bool[Array, "rows columns"], resolution: float) -> Float[Array, "rows columns"]:
+    """Signed distance [m]: positive outside obstacles, negative inside, zero on the faces between cells.
+
+    A free cell's value is its distance to the nearest occupied cell's centre less half a cell, an occupied cell's is
+    minus (its distance to the nearest free cell's centre less half a cell): across a face the field goes from +1/2 to
+    -1/2 cell, its slope there is one, and it changes by no more than the distance between neighbouring cells anywhere.
+
+    Args:
+        occupied: obstacles.
+        resolution: [m] side of a cell.
+
+    Returns:
+        Distances [m]; plus or minus the grid's diagonal, `grid_diagonal`, if all cells are free or all are occupied.
+    """
+    distance = _metres(_squared_distance_to_other_class(occupied), resolution)
+    one_class = jnp.all(occupied) | ~jnp.any(occupied)
+    magnitude = jnp.where(one_class, distance, distance - 0.5 * resolution)
+    return jnp.where(occupied, -magnitude, magnitude)
+
+
+def grid_diagonal(shape: tuple[int, int], resolution: float) -> float:
+    """Length [m] of a map's diagonal: no distance between two of its cells is as long."""
+    return resolution * (shape[0] ** 2 + shape[1] ** 2) ** 0.5
+
+
+def _metres(squared: Int[Array, "rows columns"], resolution: float) -> Float[Array, "rows columns"]:
+    far = squared.shape[0] ** 2 + squared.shape[1] ** 2
+    return resolution * jnp.sqrt(jnp.minimum(squared, far).astype(jnp.result_type(float)))
+
+
+# Mapped one by one, each map of a batch stops at its own distance and stays in the cache; in one batched loop every
+# map would wait for the slowest and travel through memory at each step.
+@sequential_vmap
+def _squared_distance_to_other_class(occupied: Bool[Array, "rows columns"]) -> Int[Array, "rows columns"]:
+    """D(i, j) of the module's docstring [cells^2]; at least rows^2 + columns^2 if there is one class only."""
+    rows, columns = occupied.shape
+    far = rows**2 + columns**2
+
+    def squared(distance: Int[Array, "a b"]) -> Int[Array, "a b"]:
+        wide = distance.astype(jnp.int32)
+        return jnp.where(wide > rows + columns, far, wide**2)
+
+    along_column = squared(_distance_to_other_class_above_or_below(occupied))
+    along_row = squared(_distance_to_other_class_above_or_below(occupied.T).T)
+    margin = columns + _SHIFTS
+    padded = jnp.pad(along_column, ((0, 0), (margin, margin)), constant_values=far)
+
+    def unfinished(carry: tuple) -> Bool[Array, ""]:
+        shift, best = carry
+        return (shift < columns) & (shift**2 < jnp.max(best))
+
+    def try_shifts(carry: tuple) -> tuple:
+        shift, best = carry
+        for extra in range(_SHIFTS):
+            d = shift + extra
+            right = lax.dynamic_slice(padded, (0, margin + d), (rows, columns))
+            left = lax.dynamic_slice(padded, (0, margin - d), (rows, columns))
+            best = jnp.minimum(best, jnp.minimum(left, right) + d**2)
+        return shift + _SHIFTS, best
+
+    start = (jnp.asarray(1, jnp.int32), jnp.minimum(along_row, along_column))
+    return lax.while_loop(unfinished, try_shifts, start)[1]
+
+
+def _distance_to_other_class_above_or_below(occupied: Bool[Array, "rows columns"]) -> Int[Array, "rows columns"]:
+    """Distance [cells] along each column to the nearest cell of the other class; > 2 x (rows + columns) if none."""
+    rows, columns = occupied.shape
+    none = jnp.full(columns, 3 * (rows + columns), jnp.int16)
+    border = occupied[1:] != occupied[:-1]
+    no_border = jnp.zeros((1, columns), bool)
+    beside_border = jnp.concatenate([no_border, border]) | jnp.concatenate([border, no_border])
+    seeds = jnp.where(beside_border, jnp.int16(1), none)
+
+    def line(previous: Int[Array, "columns"], here: Int[Array, "columns"]) -> tuple[Array, Array]:
+        nearest = jnp.minimum(previous + jnp.int16(1), here)
+        return nearest, nearest
+
+    _, forward = lax.scan(line, none, seeds)
+    _, both = lax.scan(line, none, forward, reverse=True)
+    return both
