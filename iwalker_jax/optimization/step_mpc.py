@@ -16,7 +16,7 @@ from iwalker_jax.optimization.step_problem import (
     sanitise,
     tracking_problem,
 )
-from iwalker_jax.optimization.step_riccati import apply_kkt, factorise, solve_factored
+from iwalker_jax.optimization.step_riccati import apply_kkt, factorise, pack, solve_factored, unpack
 
 
 def solve_step_mpc(
@@ -52,19 +52,20 @@ def solve_step_mpc(
     footsteps, initial_state, parameters, weights, usable = sanitise(footsteps, initial_state, parameters, weights)
     form = modes(parameters)
     cost = modal_cost(form, weights)
-    reference, rows = tracking_problem(form, cost, footsteps, initial_state)
+    steps, gait, rows = tracking_problem(form, cost, footsteps, initial_state)
     if gradient == "implicit":
         factor = factorise(*jax.lax.stop_gradient((cost, form.pole)), footsteps.shape[0])
-        point = jax.lax.custom_linear_solve(
-            lambda x: apply_kkt(cost, form.pole, x),
-            rows,
-            lambda _, b: solve_factored(factor, b),
+        packed = jax.lax.custom_linear_solve(
+            lambda x: pack(apply_kkt(cost, form.pole, unpack(x))),
+            pack(rows),
+            lambda _, b: pack(solve_factored(factor, unpack(b))),
             symmetric=True,
         )
+        point = unpack(packed)
     else:
         point = solve_factored(factorise(cost, form.pole, footsteps.shape[0]), rows)
     residual = jax.lax.stop_gradient(kkt_residual(cost, form.pole, point, rows))
-    plan = as_plan(form, cost, reference, point, initial_state)
+    plan = as_plan(form, cost, footsteps, steps, gait, point)
     converged = residual <= jnp.sqrt(jnp.finfo(residual.dtype).eps)
     status = jnp.where(converged, Status.CONVERGED, Status.MAX_ITERATIONS).astype(jnp.int32)
     return conclude(plan, residual, usable, status, jnp.asarray(1, jnp.int32))

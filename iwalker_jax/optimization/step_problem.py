@@ -29,7 +29,7 @@ class StepMpcWeights:
 
     Attributes:
         footstep: w_s [1/m^2].
-        effort: w_u [1/m^2], on the step size itself; shortens and narrows the steps.
+        effort: w_u [1/m^2], on the step size itself; 0 by default, because it shortens and narrows every step.
         orbit_position: w_p [1/m^2].
         orbit_velocity: w_v [s^2/m^2].
         terminal: w_xi [1/m^2], on the divergent component after the last step; it bounds the COM.
@@ -37,8 +37,8 @@ class StepMpcWeights:
 
     footstep: Scalar = 100.0
     effort: Scalar = 0.0
-    orbit_position: Scalar = 10.0
-    orbit_velocity: Scalar = 0.4
+    orbit_position: Scalar = 100.0
+    orbit_velocity: Scalar = 4.0
     terminal: Scalar = 100.0
 
     def __post_init__(self) -> None:
@@ -75,6 +75,10 @@ class StepPlan(NamedTuple):
 
 def gait_reference(pole: Float[Array, ""], steps: Float[Array, "n 2"]) -> Float[Array, "n 2 2"]:
     """Divergent and convergent component (axis 1) of the period-two orbit through each of N wanted steps.
+
+    The reference is local on purpose. The exact bounded motion of the wanted steps would make any of them optimal
+    up to one fixed correction of the initial xi; this one also pulls each step towards a regular gait, and costs
+    about 0.1 mm of tracking on a path that turns 0.15 rad a step.
 
     Row k belongs to s_{k+1}, where the next two wanted steps are u_{k+1} and u_{k+2}; after the last one the
     gait repeats its last two steps. One wanted step tells no gait: the reference then stands still.
@@ -150,22 +154,21 @@ def modal_cost(form: Modes, weights: StepMpcWeights) -> StepCost:
 
 def tracking_problem(
     form: Modes, cost: StepCost, footsteps: Float[Array, "n 2"], initial_state: Float[Array, "2 3"]
-) -> tuple[Float[Array, "n 3 2"], Kkt]:
-    """Reference states (s from the stance foot, xi, zeta) and the right-hand side of the KKT system."""
+) -> tuple[Float[Array, "n 2"], Float[Array, "n 2 2"], Kkt]:
+    """Wanted steps, reference (xi, zeta), and the KKT system's right-hand side for the deviation from them.
+
+    Deviations are small where footsteps are metres away, which is what float32 needs; the reference's own defects of
+    the step map appear as drift.
+    """
     com, position, velocity = initial_state[:, 0], initial_state[:, 1], initial_state[:, 2]
-    stance = com - position
-    targets = footsteps - stance
-    gait = gait_reference(form.pole, jnp.diff(footsteps, axis=0, prepend=stance[None]))
-    reference = jnp.concatenate([targets[:, None], gait], axis=1)
-    begin = jnp.stack(
-        [
-            jnp.zeros_like(stance),
-            form.pole * (position + form.divergent_lead * velocity),
-            (position + form.convergent_lead * velocity) / form.pole,
-        ]
-    )
-    drift = jnp.zeros_like(reference).at[0].set(-begin)
-    return reference, (weigh_states(cost, reference), jnp.zeros_like(footsteps), drift)
+    steps = jnp.diff(footsteps, axis=0, prepend=(com - position)[None])
+    gait = gait_reference(form.pole, steps)
+    lead = jnp.stack([form.divergent_lead, form.convergent_lead])[:, None]
+    path = jnp.concatenate([(position + lead * velocity)[None], gait])
+    growth = jnp.stack([form.pole, 1 / form.pole])[:, None]
+    defect = path[1:] - growth * (path[:-1] - steps[:, None])
+    drift = jnp.concatenate([jnp.zeros_like(steps)[:, None], defect], axis=1)
+    return steps, gait, (jnp.zeros_like(drift), -cost.effort * steps, drift)
 
 
 def kkt_residual(cost: StepCost, pole: Float[Array, ""], point: Kkt, rows: Kkt) -> Float[Array, ""]:
@@ -181,18 +184,19 @@ def kkt_residual(cost: StepCost, pole: Float[Array, ""], point: Kkt, rows: Kkt) 
 def as_plan(
     form: Modes,
     cost: StepCost,
-    reference: Float[Array, "n 3 2"],
+    footsteps: Float[Array, "n 2"],
+    steps: Float[Array, "n 2"],
+    gait: Float[Array, "n 2 2"],
     point: Kkt,
-    initial_state: Float[Array, "2 3"],
 ) -> StepPlan:
-    """Plan in the frame of the wanted footsteps from a point of the KKT system."""
+    """Plan from the wanted footsteps and steps, the reference (xi, zeta) and the deviation from all of them."""
     states, inputs, _ = point
-    footsteps = states[:, 0] + (initial_state[:, 0] - initial_state[:, 1])
-    velocity = (states[:, 1] - states[:, 2]) / (form.divergent_lead - form.convergent_lead)
-    position = states[:, 1] - form.divergent_lead * velocity
-    error = states - reference
-    total = jnp.sum(error * weigh_states(cost, error)) + cost.effort * jnp.sum(inputs**2)
-    return StepPlan(footsteps, jnp.stack([footsteps + position, position, velocity], axis=-1), inputs, total)
+    planned, taken = footsteps + states[:, 0], steps + inputs
+    divergent, convergent = gait[:, 0] + states[:, 1], gait[:, 1] + states[:, 2]
+    velocity = (divergent - convergent) / (form.divergent_lead - form.convergent_lead)
+    position = divergent - form.divergent_lead * velocity
+    total = jnp.sum(states * weigh_states(cost, states)) + cost.effort * jnp.sum(taken**2)
+    return StepPlan(planned, jnp.stack([planned + position, position, velocity], axis=-1), taken, total)
 
 
 def conclude(

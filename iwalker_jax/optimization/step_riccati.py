@@ -55,6 +55,17 @@ class StepFactor(NamedTuple):
     curvature: Float[Array, "n"]
 
 
+def pack(point: Kkt) -> Float[Array, "n 7 *b"]:
+    """States, inputs and costates as one array, which is what a custom linear solve transposes safely."""
+    states, inputs, costates = point
+    return jnp.concatenate([states, inputs[:, None], costates], axis=1)
+
+
+def unpack(packed: Float[Array, "n 7 *b"]) -> Kkt:
+    """Inverse of `pack`."""
+    return packed[:, :3], packed[:, 3], packed[:, 4:]
+
+
 def weigh_states(cost: StepCost, states: Float[Array, "n 3 *b"]) -> Float[Array, "n 3 *b"]:
     """Q x of every stage."""
     footstep, divergent, convergent = states[:, 0], states[:, 1], states[:, 2]
