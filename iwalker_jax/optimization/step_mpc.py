@@ -16,7 +16,30 @@ from iwalker_jax.optimization.step_problem import (
     sanitise,
     tracking_problem,
 )
-from iwalker_jax.optimization.step_riccati import apply_kkt, factorise, pack, solve_factored, unpack
+from iwalker_jax.optimization.step_riccati import (
+    Kkt,
+    StepCost,
+    apply_kkt,
+    factorise,
+    pack,
+    solve_factored,
+    unpack,
+)
+
+
+def solve_kkt(cost: StepCost, pole: Float[Array, ""], rows: Kkt, gradient: GradientMode) -> Kkt:
+    """Solution of the KKT system, differentiated through the system (`implicit`) or through the recursions."""
+    horizon = rows[1].shape[0]
+    if gradient != "implicit":
+        return solve_factored(factorise(cost, pole, horizon), rows)
+    factor = factorise(*jax.lax.stop_gradient((cost, pole)), horizon)
+    packed = jax.lax.custom_linear_solve(
+        lambda x: pack(apply_kkt(cost, pole, unpack(x))),
+        pack(rows),
+        lambda _, b: pack(solve_factored(factor, unpack(b))),
+        symmetric=True,
+    )
+    return unpack(packed)
 
 
 def solve_step_mpc(
@@ -53,17 +76,7 @@ def solve_step_mpc(
     form = modes(parameters)
     cost = modal_cost(form, weights)
     steps, gait, rows = tracking_problem(form, cost, footsteps, initial_state)
-    if gradient == "implicit":
-        factor = factorise(*jax.lax.stop_gradient((cost, form.pole)), footsteps.shape[0])
-        packed = jax.lax.custom_linear_solve(
-            lambda x: pack(apply_kkt(cost, form.pole, unpack(x))),
-            pack(rows),
-            lambda _, b: pack(solve_factored(factor, unpack(b))),
-            symmetric=True,
-        )
-        point = unpack(packed)
-    else:
-        point = solve_factored(factorise(cost, form.pole, footsteps.shape[0]), rows)
+    point = solve_kkt(cost, form.pole, rows, gradient)
     residual = jax.lax.stop_gradient(kkt_residual(cost, form.pole, point, rows))
     plan = as_plan(form, cost, footsteps, steps, gait, point)
     converged = residual <= jnp.sqrt(jnp.finfo(residual.dtype).eps)

@@ -1,0 +1,122 @@
+"""Quadratic programs with bounds on rotated inputs, solved in the space of the inverse Hessian.
+
+Problem: min (u - u*)'H(u - u*) / 2 with low <= R u <= high, R orthonormal, given only M = H^-1 (H itself may be too
+large to write down). With S = R M R' and w = R u the optimum is w = w* - S y, y the bounds' multipliers: y > 0 only at
+an upper, y < 0 only at a lower bound. ADMM finds nearly the right active set, a primal-dual active-set step makes it
+exact (Hintermueller, Ito, Kunisch 2002); rounds of both run until the set reproduces itself.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.linalg import solve
+from jaxtyping import Array, Bool, Float, Int
+
+_ADMM_STEPS = 25
+_ACTIVE_SET_STEPS = 3
+_ROUNDS = 16
+_RELAXATION = 1.6
+
+
+class ActiveSet(NamedTuple):
+    """Outcome of the search.
+
+    Attributes:
+        sides: (m,) +1 at an upper bound, -1 at a lower one, 0 free.
+        error: () largest violation of a bound or of a multiplier's sign, in units of w.
+        rounds: () rounds used.
+    """
+
+    sides: Int[Array, "m"]
+    error: Float[Array, ""]
+    rounds: Int[Array, ""]
+
+
+def multipliers(
+    inverse: Float[Array, "m m"],
+    free: Float[Array, "m"],
+    low: Float[Array, "m"],
+    high: Float[Array, "m"],
+    sides: Int[Array, "m"],
+) -> Float[Array, "m"]:
+    """Multipliers y that hold the active bounds exactly; differentiable in all but the set.
+
+    Args:
+        inverse: S.
+        free: w*, the optimum without bounds.
+    """
+    active = sides != 0
+    bound = jnp.where(sides > 0, high, low)
+    scale = jnp.mean(jnp.diagonal(inverse))
+    both = active[:, None] & active[None, :]
+    # The jitter keeps the Cholesky factor real when the active steps leave almost no freedom.
+    diagonal = jnp.where(active, 10 * jnp.finfo(inverse.dtype).eps, 1.0) * scale
+    system = jnp.where(both, inverse, 0) + jnp.diag(diagonal)
+    return solve(system, jnp.where(active, free - bound, 0), assume_a="pos")
+
+
+def find_active_set(
+    inverse: Float[Array, "m m"],
+    relaxed: Float[Array, "m m"],
+    free: Float[Array, "m"],
+    low: Float[Array, "m"],
+    high: Float[Array, "m"],
+) -> ActiveSet:
+    """Search the active set of the optimum.
+
+    Args:
+        inverse: S.
+        relaxed: rho (R H R' + rho I)^-1, of ADMM's own quadratic problem.
+        free: w*.
+    """
+    eps = jnp.finfo(free.dtype).eps
+    slack = 100 * eps * jnp.maximum(jnp.max(jnp.abs(free)), jnp.max(jnp.abs(high)))
+    scale = jnp.mean(jnp.diagonal(inverse))
+
+    def refine(sides: Int[Array, "m"]) -> tuple[Int[Array, "m"], Float[Array, ""]]:
+        y = multipliers(inverse, free, low, high, sides)
+        w = free - inverse @ y
+        outside = jnp.where(w > high + slack, 1, jnp.where(w < low - slack, -1, 0))
+        after = jnp.where(sides == 0, outside, jnp.where(y * sides > 0, sides, 0))
+        violation = jnp.maximum(jnp.maximum(w - high, low - w), 0)
+        wrong = jnp.where(sides == 0, 0, jnp.maximum(-y * sides, 0) * scale)
+        error = jnp.maximum(jnp.max(violation), jnp.max(wrong))
+        return after, jnp.where(jnp.isfinite(error), error, jnp.inf)
+
+    def admm(_: int, state: tuple[Array, Array]) -> tuple[Array, Array]:
+        z, y = state
+        w = free + relaxed @ (z - y - free)
+        w = _RELAXATION * w + (1 - _RELAXATION) * z
+        after = jnp.clip(w + y, low, high)
+        return after, y + w - after
+
+    def attempt(_: int, carry: tuple) -> tuple:
+        sides, best, error, done = carry
+        after, size = refine(sides)
+        better = (size < error) & ~done
+        best, error = jnp.where(better, sides, best), jnp.where(better, size, error)
+        return jnp.where(done, sides, after), best, error, done | jnp.all(after == sides)
+
+    def turn(carry: tuple) -> tuple:
+        state, best, error, _, rounds = carry
+        z, y = jax.lax.fori_loop(0, _ADMM_STEPS, admm, state)
+        sides = jnp.where(y > slack, 1, jnp.where(y < -slack, -1, 0))
+        start = (sides, best, error, jnp.asarray(False))
+        _, best, error, done = jax.lax.fori_loop(0, _ACTIVE_SET_STEPS, attempt, start)
+        return (z, y), best, error, done, rounds + 1
+
+    def unfinished(carry: tuple) -> Bool[Array, ""]:
+        return ~carry[3] & (carry[4] < _ROUNDS)
+
+    nothing = jnp.zeros(free.shape, int)
+    _, error = refine(nothing)
+    start = (
+        (jnp.clip(free, low, high), jnp.zeros_like(free)),
+        nothing,
+        error,
+        error <= slack,
+        jnp.asarray(0, jnp.int32),
+    )
+    _, best, error, _, rounds = jax.lax.while_loop(unfinished, turn, start)
+    return ActiveSet(best, error, rounds)

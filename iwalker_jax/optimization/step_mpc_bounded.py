@@ -1,0 +1,123 @@
+"""H-LIP step MPC with reachability: every step within the swing leg's reach and on its own side."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.optimization.box_qp import find_active_set, multipliers
+from iwalker_jax.optimization.hlip import HlipParameters, divergent_component, field_values, modes
+from iwalker_jax.optimization.solution import GradientMode, Solution, Status
+from iwalker_jax.optimization.step_mpc import solve_kkt
+from iwalker_jax.optimization.step_problem import (
+    StepMpcWeights,
+    as_plan,
+    check_shapes,
+    conclude,
+    kkt_residual,
+    modal_cost,
+    sanitise,
+    tracking_problem,
+)
+from iwalker_jax.optimization.step_reach import StepReach, capture_margin, heading_axes, step_bounds
+
+_PENALTY = 50.0  # ADMM's penalty over the mean curvature of the cost; measured best for N = 4..50
+_INSIDE = 0.98  # a state beyond reach is pulled to this fraction of the catchable set
+
+
+def solve_bounded_step_mpc(
+    footsteps: Float[Array, "n 2"],
+    initial_state: Float[Array, "2 3"],
+    stance: Float[Array, ""],
+    headings: Float[Array, "n"] | None = None,
+    reach: StepReach | None = None,
+    parameters: HlipParameters | None = None,
+    weights: StepMpcWeights | None = None,
+    gradient: GradientMode = "implicit",
+) -> Solution:
+    """Plan the steps nearest to wanted ones among those within reach: the QP of `solve_step_mpc` with bounds.
+
+    Args:
+        footsteps: (N, 2) wanted footsteps s_1..s_N [m]; row 0 is the next footstep.
+        initial_state: (2, 3) pre-impact state [c, p, v] of the x and y plane on the current stance foot, same frame.
+        stance: +1 if the current stance foot is the left one (the next footstep is then a right one, to the right
+            of it), -1 if it is the right one.
+        headings: (N,) heading of each footstep [rad] in the frame of the footsteps; bounds hold in it. Zero if None.
+        reach: bounds on a step, possibly traced.
+        parameters, weights, gradient: as in `solve_step_mpc`; derivatives are those of the optimum with its active
+            bounds held.
+
+    Returns:
+        Solution whose value is a `StepPlan`. INFEASIBLE says that no steps within reach keep the COM bounded: the
+        plan then catches the nearest state towards the middle of the catchable set, and the residual tells by how
+        much the true one lies beyond (0.1 is 10 %).
+
+    Raises:
+        InputError: on wrong shapes or an unknown gradient mode.
+    """
+    parameters, weights, reach = parameters or HlipParameters(), weights or StepMpcWeights(), reach or StepReach()
+    footsteps, initial_state = check_shapes(footsteps, initial_state, gradient)
+    horizon, dtype = footsteps.shape[0], footsteps.dtype
+    headings = jnp.zeros(horizon, dtype) if headings is None else jnp.asarray(headings, dtype)
+    if headings.shape != (horizon,):
+        raise InputError(f"headings have shape {headings.shape}; give ({horizon},), one for each footstep.")
+    if gradient == "stopped":
+        footsteps, initial_state, headings, reach, parameters, weights = jax.lax.stop_gradient(
+            (footsteps, initial_state, headings, reach, parameters, weights)
+        )
+    footsteps, initial_state, parameters, weights, usable = sanitise(footsteps, initial_state, parameters, weights)
+    limits = jnp.stack([jnp.asarray(x, dtype) for x in field_values(reach)])
+    stance = jnp.asarray(stance, dtype)
+    usable &= jnp.all(jnp.isfinite(headings)) & jnp.all(jnp.isfinite(limits)) & (jnp.abs(stance) == 1)
+    headings = jnp.where(jnp.isfinite(headings), headings, 0)
+    limits = jnp.where(jnp.all(jnp.isfinite(limits)), limits, jnp.asarray(field_values(StepReach()), dtype))
+    low, high = step_bounds(StepReach(*limits), jnp.where(stance < 0, -1, 1), horizon)
+    axes = heading_axes(headings)
+    form = modes(parameters)
+    cost = modal_cost(form, weights)
+
+    excess, caught = catch(parameters, form.pole, axes, low, high, initial_state)
+    steps, gait, rows = tracking_problem(form, cost, footsteps, caught)
+    wanted = steps + solve_kkt(cost, form.pole, rows, gradient)[1]
+    none = jnp.zeros((horizon, 3, horizon), dtype)
+    probe = (none, jnp.eye(horizon, dtype=dtype), none)
+    inverse = solve_kkt(cost, form.pole, probe, gradient)[1]
+
+    def turned(matrix: Float[Array, "n n"]) -> Float[Array, "m m"]:
+        blocks = jnp.einsum("kij,lmj,kl->kilm", axes, axes, matrix)
+        return blocks.reshape(2 * horizon, 2 * horizon)
+
+    free = jnp.einsum("kij,kj->ki", axes, wanted).ravel()
+    box = (low.ravel(), high.ravel())
+    reduced = turned(inverse)
+    penalty = _PENALTY / jnp.mean(jnp.diagonal(inverse))
+    damped = cost._replace(effort=cost.effort + penalty)
+    relaxed = penalty * solve_kkt(damped, form.pole, probe, gradient)[1]
+    found = find_active_set(*jax.lax.stop_gradient((reduced, turned(relaxed), free, *box)))
+    forces = multipliers(reduced, free, *box, found.sides).reshape(horizon, 2)
+    rows = (rows[0], rows[1] - jnp.einsum("kij,ki->kj", axes, forces), rows[2])
+    point = solve_kkt(cost, form.pole, rows, gradient)
+
+    plan = as_plan(form, cost, footsteps, steps, gait, point)
+    residual = jnp.maximum(kkt_residual(cost, form.pole, point, rows), found.error / limits[0])
+    converged = residual <= jnp.sqrt(jnp.finfo(dtype).eps)
+    status = jnp.where(converged, Status.CONVERGED, Status.MAX_ITERATIONS)
+    status = jnp.where(excess > 0, Status.INFEASIBLE, status).astype(jnp.int32)
+    residual = jax.lax.stop_gradient(jnp.maximum(residual, excess))
+    return conclude(plan, residual, usable, status, found.rounds)
+
+
+def catch(
+    parameters: HlipParameters,
+    pole: Float[Array, ""],
+    axes: Float[Array, "n 2 2"],
+    low: Float[Array, "n 2"],
+    high: Float[Array, "n 2"],
+    initial_state: Float[Array, "2 3"],
+) -> tuple[Float[Array, ""], Float[Array, "2 3"]]:
+    """Relative distance beyond the catchable set, and the state with its velocity changed so as to lie inside."""
+    divergent = divergent_component(parameters, initial_state[:, 1], initial_state[:, 2])
+    ratio, centre = capture_margin(pole, axes, low, high, divergent)
+    pull = jnp.where(ratio > 1, 1 - _INSIDE / jnp.maximum(ratio, 1), 0) * (centre - divergent)
+    change = jax.lax.stop_gradient(pull / modes(parameters).divergent_lead)
+    return jnp.maximum(ratio - 1, 0), initial_state.at[:, 2].add(change)
