@@ -166,6 +166,20 @@ def test_a_batch_equals_a_loop():
         assert batch.status[n] == single.status
 
 
+def test_large_and_nested_batches_equal_a_loop():
+    """Oracle: the same goals one by one on one shared map; the batch exceeds what is relaxed together."""
+    cost = jnp.asarray(random_cost(7, 0.2))
+    rng = np.random.default_rng(0)
+    goals = jnp.asarray(rng.uniform((GRID.x_min, GRID.y_min), (GRID.x_max, GRID.y_max), (2, 9, 2)), jnp.float32)
+    nested = jax.jit(jax.vmap(jax.vmap(lambda g: cost_to_go(cost, g, GRID))))(goals)
+    flat = jax.jit(jax.vmap(lambda g: cost_to_go(cost, g, GRID)))(goals.reshape(18, 2))
+    for n in range(0, 18, 5):
+        single = SOLVE(cost, goals.reshape(18, 2)[n], GRID, 64)
+        for batch in (flat, jax.tree.map(lambda x: x.reshape(18, *x.shape[2:]), nested)):
+            np.testing.assert_allclose(batch.value.cost[n], single.value.cost, rtol=1e-6)
+            assert batch.iterations[n] == single.iterations
+
+
 def crossed_cells(route):
     """Cells that the polyline enters, by dense sampling."""
     points = np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(route)])
