@@ -11,9 +11,9 @@ from iwalker_jax.simulation.rooms import (
     dress_walls,
     enclose,
     line_walls,
-    put_against_wall,
     scatter,
     seat_around,
+    wall_place,
 )
 
 
@@ -114,14 +114,16 @@ def kitchen(rng: np.random.Generator, style: Style) -> Layout:
     """Counters along two walls, tall appliances, wall cupboards, an island or a table with chairs."""
     layout, room = _room(rng, style, (4.0, 6.5), (4.0, 5.5), 1)
     for side in ("south", "west"):
-        for fraction in np.linspace(0.0, 1.0, 5):
+        # Counters stand shoulder to shoulder along the wall, with cupboards above all but the tall appliances.
+        along = 0.02
+        end = layout.uniform(0.55, 1.0) * (room.length if side == "south" else room.width)
+        while (width := layout.uniform(0.5, 0.95)) + along < end:
             is_tall = layout.uniform(0, 1) < 0.2
-            height = layout.uniform(1.8, 2.0) if is_tall else 0.9
-            piece = f.cabinet(layout, layout.uniform(0.55, 0.95), 0.6, height)
-            if put_against_wall(layout, room, piece, side, float(fraction)) and not is_tall:
-                x, y, _, hx, hy, _, yaw = layout.boxes[-1]
-                back = Place(x, y, yaw).moved(-0.12, 0.0)
-                layout.box(back, 2 * hx - 0.25, 2 * hy, 1.4, 2.05)
+            at = wall_place(room, side, along + width / 2, 0.315)
+            piece = f.cabinet(layout, width, 0.6, layout.uniform(1.8, 2.0) if is_tall else 0.9)
+            if layout.put(piece, at) and not is_tall and layout.uniform(0, 1) < 0.7:
+                layout.box(at.moved(-0.13, 0.0), 0.34, width, 1.4, 2.05)
+            along += width + 0.005
     at = room.centre.moved(layout.uniform(0.2, 0.6), layout.uniform(0.2, 0.6))
     if layout.uniform(0, 1) < 0.45:
         layout.put(f.cabinet(layout, layout.uniform(1.2, 1.8), layout.uniform(0.6, 0.9), 0.92), at, 0.3)

@@ -73,7 +73,7 @@ def office_chair(layout: Layout) -> Furniture:
         out.box(at, side, side, seat - 0.08, seat)
         out.box(at.moved(-side / 2 + 0.03, 0.0), 0.06, side - 0.06, seat + 0.12, seat + 0.55)
 
-    return Furniture(0.58, 0.58, build)
+    return Furniture(0.6, 0.6, build)
 
 
 def shelf(layout: Layout, width: float, depth: float | None = None) -> Furniture:
@@ -199,7 +199,8 @@ def bin_(layout: Layout) -> Furniture:
         if has_plant:
             out.cylinder(at, crown, height + 0.1, height + 0.7)
 
-    return Furniture(2 * radius, 2 * radius, build)
+    reach = max(radius, crown) if has_plant else radius
+    return Furniture(2 * reach, 2 * reach, build)
 
 
 def clutter(layout: Layout) -> Furniture:
@@ -212,7 +213,8 @@ def clutter(layout: Layout) -> Furniture:
     def build(out: Layout, at: Place) -> None:
         out.box(at, length, width, 0.0, height)
         if upper:
-            out.box(at.moved(0.0, 0.0, turn), 0.75 * length, 0.75 * width, height, height + upper)
+            side = 0.7 * min(length, width)
+            out.box(at.moved(0.0, 0.0, turn), side, side, height, height + upper)
 
     return Furniture(length, width, build)
 

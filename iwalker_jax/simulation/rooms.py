@@ -152,10 +152,7 @@ def seat_around(
         if layout.uniform(0, 1) > share:
             continue
         furniture = maker(layout)
-        facing = at.moved(forward, left, yaw)
-        pulled = facing.moved(
-            -(furniture.length / 2 + layout.uniform(0.01, 0.25)),
-            layout.uniform(-0.05, 0.05),
-            layout.uniform(-0.35, 0.35),
-        )
-        layout.put(furniture, pulled)
+        turn = layout.uniform(-0.35, 0.35)
+        reach = (furniture.length * math.cos(turn) + furniture.width * abs(math.sin(turn))) / 2
+        pulled = -reach - layout.uniform(0.01, 0.25)
+        layout.put(furniture, at.moved(forward, left, yaw).moved(pulled, layout.uniform(-0.05, 0.05), turn))

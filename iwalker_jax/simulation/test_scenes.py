@@ -70,7 +70,7 @@ def _stair() -> tuple[Layout, list[tuple[float, float]]]:
     turn = foot.moved(lower.length / 2 + 0.65, 0.7)
     layout.box(turn, 1.3, 2.65, 0.0, 1.45)
     for i in range(8):
-        # The upper flight returns above the half landing on a carried slab: nobody walks below it.
+        # The upper flight returns beside the lower one, walled up underneath.
         step = foot.moved(lower.length / 2 - (i + 0.5) * 0.27, 1.4)
         layout.box(step, 0.27, 1.25, 0.0, 1.45 + (i + 1) * 0.17)
     _furnish(
