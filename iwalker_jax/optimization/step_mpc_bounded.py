@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.box_qp import find_active_set, multipliers
+from iwalker_jax.optimization.box_qp import PENALTIES, find_active_set, multipliers
 from iwalker_jax.optimization.hlip import HlipParameters, divergent_component, field_values, modes
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
 from iwalker_jax.optimization.step_mpc import solve_kkt
@@ -20,8 +20,10 @@ from iwalker_jax.optimization.step_problem import (
     tracking_problem,
 )
 from iwalker_jax.optimization.step_reach import StepReach, capture_margin, heading_axes, step_bounds
+from iwalker_jax.optimization.step_riccati import Kkt
 
-_PENALTY = 50.0  # ADMM's penalty over the mean curvature of the cost; measured best for N = 4..50
+_PENALTY = 50.0  # ADMM's base penalty over the mean curvature of the cost, by measurement
+_REFINEMENTS = 3
 _INSIDE = 0.98  # a state beyond reach is pulled to this fraction of the catchable set
 
 
@@ -78,32 +80,43 @@ def solve_bounded_step_mpc(
 
     excess, caught = catch(parameters, form.pole, axes, low, high, initial_state)
     steps, gait, rows = tracking_problem(form, cost, footsteps, caught)
-    wanted = steps + solve_kkt(cost, form.pole, rows, gradient)[1]
     none = jnp.zeros((horizon, 3, horizon), dtype)
     probe = (none, jnp.eye(horizon, dtype=dtype), none)
-    inverse = solve_kkt(cost, form.pole, probe, gradient)[1]
+
+    def pushed(forces: Float[Array, "n 2"]) -> tuple[Kkt, Kkt, Float[Array, "m"]]:
+        push = (rows[0], rows[1] - jnp.einsum("kij,ki->kj", axes, forces), rows[2])
+        point = solve_kkt(cost, form.pole, push, gradient)
+        return push, point, jnp.einsum("kij,kj->ki", axes, steps + point[1]).ravel()
 
     def turned(matrix: Float[Array, "n n"]) -> Float[Array, "m m"]:
         blocks = jnp.einsum("kij,lmj,kl->kilm", axes, axes, matrix)
         return blocks.reshape(2 * horizon, 2 * horizon)
 
-    free = jnp.einsum("kij,kj->ki", axes, wanted).ravel()
-    box = (low.ravel(), high.ravel())
-    reduced = turned(inverse)
-    penalty = _PENALTY / jnp.mean(jnp.diagonal(inverse))
-    damped = cost._replace(effort=cost.effort + penalty)
-    relaxed = penalty * solve_kkt(damped, form.pole, probe, gradient)[1]
-    found = find_active_set(*jax.lax.stop_gradient((reduced, turned(relaxed), free, *box)))
-    forces = multipliers(reduced, free, *box, found.sides).reshape(horizon, 2)
-    rows = (rows[0], rows[1] - jnp.einsum("kij,ki->kj", axes, forces), rows[2])
-    point = solve_kkt(cost, form.pole, rows, gradient)
+    def damped(penalty: Float[Array, ""]) -> Float[Array, "m m"]:
+        heavier = cost._replace(effort=cost.effort + penalty)
+        return turned(penalty * solve_kkt(heavier, form.pole, probe, "stopped")[1])
 
-    plan = as_plan(form, cost, footsteps, steps, gait, point)
-    residual = jnp.maximum(kkt_residual(cost, form.pole, point, rows), found.error / limits[0])
+    inverse = turned(solve_kkt(cost, form.pole, probe, gradient)[1])
+    scale = jnp.mean(jnp.diagonal(inverse))
+    relaxed = jax.vmap(damped)(_PENALTY * jnp.asarray(PENALTIES, dtype) / scale)
+    box = (low.ravel(), high.ravel())
+    forces = jnp.zeros_like(footsteps)
+    push, point, landing = pushed(forces)
+    found = find_active_set(*jax.lax.stop_gradient((inverse, relaxed, landing, *box)))
+    # Repeating the solve with what is left of the violation takes out the rounding of the inverse.
+    for _ in range(_REFINEMENTS):
+        forces += multipliers(inverse, landing, *box, found.sides).reshape(horizon, 2)
+        push, point, landing = pushed(forces)
+
+    outside = jnp.max(jnp.maximum(landing - box[1], box[0] - landing))
+    wrong = jnp.max(-forces.ravel() * found.sides) * scale
+    error = jnp.maximum(jnp.maximum(outside, wrong), 0) / limits[0]
+    residual = jnp.maximum(kkt_residual(cost, form.pole, point, push), error)
     converged = residual <= jnp.sqrt(jnp.finfo(dtype).eps)
     status = jnp.where(converged, Status.CONVERGED, Status.MAX_ITERATIONS)
     status = jnp.where(excess > 0, Status.INFEASIBLE, status).astype(jnp.int32)
     residual = jax.lax.stop_gradient(jnp.maximum(residual, excess))
+    plan = as_plan(form, cost, footsteps, steps, gait, point)
     return conclude(plan, residual, usable, status, found.rounds)
 
 
