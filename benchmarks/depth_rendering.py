@@ -103,7 +103,8 @@ def report(intrinsics: Intrinsics, arrays: list, peers: list, stacked: object, v
     rays = 1 / np.mean([t.min() for t in theirs])
     print(
         f"{intrinsics.width:>5}x{intrinsics.height:<3} {compile_time:>9.2f} {best:>11.0f} {median:>7.0f} "
-        f"{slowest:>12.0f} {pose_rate:>11.0f} {scene_rate:>12.0f} {rays:>11.0f} {best / rays:>6.1f} {np.mean(apart):>22.5%}"
+        f"{slowest:>12.0f} {pose_rate:>11.0f} {scene_rate:>12.0f} {rays:>11.0f} {best / rays:>6.1f} "
+        f"{np.mean(apart):>22.5%}"
     )
 
 

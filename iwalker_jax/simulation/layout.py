@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from iwalker_jax.errors import InputError
 from iwalker_jax.simulation.scene import Scene
 
 
 @dataclass(frozen=True)
 class Style:
-    """Ranges [m] from which a generator draws what a building's parts have in common; each is (low, high)."""
+    """What a building's parts have in common: ranges (low, high) [m], and the share of doorways with an open door."""
 
     wall_thickness: tuple[float, float] = (0.08, 0.14)
     ceiling: tuple[float, float] = (2.4, 3.1)
@@ -24,6 +25,15 @@ class Style:
     pillar_radius: tuple[float, float] = (0.12, 0.28)
     post_radius: tuple[float, float] = (0.14, 0.22)
     clutter_size: tuple[float, float] = (0.2, 0.65)
+    open_doors: float = 0.45
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if name == "open_doors":
+                if not 0 <= value <= 1:
+                    raise InputError(f"Style.open_doors is a share between 0 and 1, got {value}.")
+            elif not 0 < value[0] <= value[1]:
+                raise InputError(f"Style.{name} must be a range (low, high) with 0 < low <= high [m], got {value}.")
 
 
 TRAINING_STYLE = Style()
@@ -134,8 +144,8 @@ class Layout:
 
         Args:
             start, end: [m] ends of the wall's centre line.
-            openings: (centre along the wall, width) [m], in order; a lintel closes each above the door height and the
-                floor a metre before and behind stays clear.
+            openings: (centre along the wall, width) [m], in order; a lintel closes each above the door height, some
+                have a door standing open, and the floor a metre before and behind stays clear.
             height: [m]; to the ceiling by default.
         """
         top = self.ceiling if height is None else height
@@ -147,10 +157,22 @@ class Layout:
             self._wall_piece(origin, done, centre - width / 2, 0.0, top)
             door_top = min(self.draw("door_height"), top - 0.1)
             self._wall_piece(origin, centre - width / 2, centre + width / 2, door_top, top)
+            if self.uniform(0, 1) < self.style.open_doors:
+                self._open_door(origin.moved(centre, 0.0), width, door_top - 0.02)
             self.reserve(origin.moved(centre, 0.0), width + 0.1, 2.0)
             done = centre + width / 2
         self._wall_piece(origin, done, length, 0.0, top)
         self.reserve(origin.moved(length / 2, 0.0), length, self.wall_thickness)
+
+    def _open_door(self, doorway: Place, width: float, height: float) -> None:
+        # Hinged on either jamb, opening to either side by at least a right angle: the doorway keeps its width.
+        jamb, swing = (1.0 if self.uniform(0, 1) < 0.5 else -1.0 for _ in range(2))
+        hinge = doorway.moved(jamb * (width / 2 + 0.03), swing * self.wall_thickness / 2)
+        opened = swing * (math.pi / 2 - jamb * self.uniform(0.02, 0.5))
+        leaf = hinge.moved(0.0, 0.0, opened).moved(width / 2, 0.0)
+        if self.is_free(leaf, width - 0.1, 0.06, 0.0):
+            self.box(leaf, width, 0.04, 0.01, height)
+            self.reserve(leaf, width, 0.06)
 
     def _wall_piece(self, origin: Place, begin: float, end: float, z_low: float, z_high: float) -> None:
         if end - begin > 0.02:

@@ -21,6 +21,7 @@ HELD_OUT_STYLE = Style(
     pillar_radius=(0.16, 0.34),
     post_radius=(0.15, 0.24),
     clutter_size=(0.25, 0.75),
+    open_doors=0.3,
 )
 """Ceiling and wall thickness lie outside every range of training, so no layout can appear in both."""
 

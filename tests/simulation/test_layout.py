@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from iwalker_jax.errors import InputError
 from iwalker_jax.simulation import furniture as f
-from iwalker_jax.simulation.layout import TRAINING_STYLE, Furniture, Layout, Place
+from iwalker_jax.simulation.layout import TRAINING_STYLE, Furniture, Layout, Place, Style
 
 MAKERS = {
     "table": lambda s: f.table(s, 0.8, 1.4),
@@ -85,7 +86,7 @@ def test_furniture_stays_on_its_footprint_and_stands_on_the_floor(name):
 
 def test_doorway_has_its_width_a_lintel_and_clear_floor():
     """Oracle: the pieces of one wall measured along its axis."""
-    layout = new_layout()
+    layout = Layout(np.random.default_rng(0), Style(open_doors=0.0), (0.0, 0.0, 10.0, 10.0))
     layout.wall((1.0, 2.0), (5.0, 2.0), ((1.5, 0.9),))
     boxes = layout.scene("t", "t").boxes
     standing, lintel = boxes[boxes[:, 2] - boxes[:, 5] < 0.1], boxes[boxes[:, 2] - boxes[:, 5] > 1.5]
@@ -95,3 +96,24 @@ def test_doorway_has_its_width_a_lintel_and_clear_floor():
     np.testing.assert_allclose(lintel[0, 2] + lintel[0, 5], layout.ceiling)
     assert not layout.is_free(Place(2.5, 2.6), 0.4, 0.4, 0.0)
     assert layout.is_free(Place(4.2, 2.6), 0.4, 0.4, 0.0)
+
+
+def test_open_doors_leave_the_doorway_free():
+    """Oracle: points across the doorway and just before and behind it against the door's own rectangle."""
+    seen = 0
+    for seed in range(30):
+        layout = Layout(np.random.default_rng(seed), Style(open_doors=1.0), (0.0, 0.0, 10.0, 10.0))
+        layout.wall((1.0, 2.0), (5.0, 2.0), ((1.5, 0.9),))
+        leaves = [box for box in layout.boxes if abs(math.sin(box[6])) > 0.1]
+        points = np.stack(np.meshgrid(np.linspace(2.06, 2.94, 30), np.linspace(1.6, 2.4, 20)), -1).reshape(-1, 2)
+        for x, y, _, hx, hy, _, yaw in leaves:
+            seen += 1
+            assert not inside(points, Place(x, y, yaw), 2 * hx, 2 * hy).any()
+            assert abs(hx - 0.45) < 1e-9
+    assert seen == 30
+
+
+@pytest.mark.parametrize("changes", [{"ceiling": (3.0, 2.0)}, {"door_width": (0.0, 1.0)}, {"open_doors": 1.5}])
+def test_bad_styles_are_refused(changes):
+    with pytest.raises(InputError, match="Style"):
+        Style(**changes)
