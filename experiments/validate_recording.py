@@ -1,0 +1,88 @@
+"""`python -m experiments.validate_recording FOLDER`: what is usable in a recording, what is wrong, what was assumed."""
+
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.runtime import configure_runtime
+
+if TYPE_CHECKING:
+    from iwalker_jax.training.recordings import RecordingReport
+
+
+@dataclass(frozen=True)
+class Config:
+    """Options of the command.
+
+    Attributes:
+        folder: of the recording: recording.yaml, TUM RGB-D or iPlanner layout, or bare PNG images with --intrinsics.
+        intrinsics: width height fx fy cx cy [px] of the stored images; wins over the folder's own.
+        depth_scale: [m] per unit of the images; wins over the folder's own.
+        max_problems: problems to print.
+    """
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    intrinsics: tuple[int, int, float, float, float, float] | None = None
+    depth_scale: float | None = None
+    max_problems: int = 40
+
+
+def main(config: Config) -> int:
+    """Print the report; 0 if at least one frame is usable, else 1."""
+    configure_runtime()
+    from iwalker_jax.perception.camera import Intrinsics
+    from iwalker_jax.training.recordings import validate_recording
+
+    try:
+        intrinsics = None if config.intrinsics is None else Intrinsics(*config.intrinsics)
+    except InputError as error:
+        print(error)
+        return 1
+    report = validate_recording(config.folder, intrinsics, config.depth_scale)
+    _print(report, config.max_problems)
+    return 0 if report.is_usable else 1
+
+
+def _print(report: "RecordingReport", max_problems: int) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console()
+    summary = Table(show_header=False, title=f"Recording {escape(str(report.folder))}")
+    summary.add_row("layout", report.layout)
+    summary.add_row("frames", f"{len(report.usable)} usable of {report.found}")
+    if report.intrinsics is not None:
+        K = report.intrinsics
+        summary.add_row("intrinsics", f"{K.width} x {K.height} px, f {K.fx:g} {K.fy:g}, c {K.cx:g} {K.cy:g}")
+        summary.add_row("depth scale", f"{report.depth_scale:g} m per unit")
+    if report.mount is not None:
+        height, pitch, roll, forward, left = report.mount
+        summary.add_row(
+            "mount (median)",
+            f"height {height:.3f} m, pitch {math.degrees(pitch):.1f}°, roll {math.degrees(roll):.1f}°, "
+            f"forward {forward:.3f} m, left {left:.3f} m",
+        )
+    console.print(summary)
+    if report.problems:
+        problems = Table("file", "problem", title=f"{len(report.problems)} problems")
+        for problem in report.problems[:max_problems]:
+            problems.add_row(escape(problem.file), escape(problem.problem))
+        console.print(problems)
+        if len(report.problems) > max_problems:
+            console.print(f"... and {len(report.problems) - max_problems} more (--max-problems)")
+    for assumption in report.assumptions:
+        console.print(f"[yellow]assumed:[/yellow] {escape(assumption)}")
+    if report.fatal is not None:
+        console.print(f"[red]unusable:[/red] {escape(report.fatal)}")
+    else:
+        console.print("[green]usable[/green]")
+
+
+if __name__ == "__main__":
+    sys.exit(main(tyro.cli(Config, description=__doc__)))
