@@ -1,12 +1,12 @@
 """Seeded generator of training scenes: fifteen families with unlimited layouts each."""
 
-import functools
 from collections.abc import Callable
 
 import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.simulation import families_passages as passages
@@ -46,6 +46,8 @@ FAMILIES: tuple[str, ...] = tuple(_GENERATORS)
 ROBOT_RADIUS = 0.15
 """[m] of the robot's inflated footprint, for which scenes must offer connected free space."""
 
+# [m^2] of connected floor, and its share of all free floor, below which a layout is drawn again.
+_MIN_AREA, _MIN_SHARE = 5.0, 0.85
 _ATTEMPTS = 60
 _MAP_RESOLUTION = 0.1
 
@@ -82,14 +84,15 @@ def draw_connected(name: str, family: str, generator: Family, style: Style, key:
         if len(scene.boxes) > BOX_CAPACITY or len(scene.cylinders) > CYLINDER_CAPACITY:
             continue
         area, share = connected_free_space(scene)
-        if area >= 5.0 and share >= 0.85:
+        if area >= _MIN_AREA and share >= _MIN_SHARE:
             return scene
     raise RuntimeError(f"Scene {name}: none of {_ATTEMPTS} layouts had connected free space; use another seed.")
 
 
 def connected_free_space(scene: Scene) -> tuple[float, float]:
     """Area [m^2] of the largest region the robot's centre can roam, and its share of all free cells."""
-    arrays = scene.arrays()
+    # Single precision whatever JAX's mode, so that a seed gives the same scene in every process.
+    arrays = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), scene.arrays())
     free = ~np.asarray(_inflated_map(arrays))
     labels, regions = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
     if labels < 2:
@@ -98,7 +101,7 @@ def connected_free_space(scene: Scene) -> tuple[float, float]:
     return float(largest) * _MAP_RESOLUTION**2, float(largest / free.sum())
 
 
-@functools.partial(jax.jit)
-def _inflated_map(scene: SceneArrays) -> jnp.ndarray:
+@jax.jit
+def _inflated_map(scene: SceneArrays) -> Bool[Array, "rows columns"]:
     cells = round(MAX_EXTENT / _MAP_RESOLUTION)
     return occupancy(scene, scene.bounds[:2], _MAP_RESOLUTION, (cells, cells), ROBOT_RADIUS)

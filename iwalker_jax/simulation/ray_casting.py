@@ -50,10 +50,10 @@ def render_depth(
     """
     dtype = p_world_camera.dtype
     # Rays are scaled to z = 1 in the optical frame, so the ray parameter is the z-depth itself.
-    rays = R_world_camera @ intrinsics.rays().astype(dtype).reshape(-1, 3).T
+    rays = R_world_camera.astype(dtype) @ intrinsics.rays().astype(dtype).reshape(-1, 3).T
     boxes, cylinders = scene.boxes.astype(dtype), scene.cylinders.astype(dtype)
     box_seen, cylinder_seen = _in_view(
-        boxes, cylinders, *_view_planes(intrinsics, R_world_camera, max_depth), p_world_camera
+        boxes, cylinders, *_view_planes(intrinsics, R_world_camera.astype(dtype), max_depth), p_world_camera
     )
     boxes = boxes[jnp.argsort(~box_seen)]
     cylinders = cylinders[jnp.argsort(~cylinder_seen)]
@@ -195,11 +195,13 @@ def _cylinder_hit(
     cylinder: Float[Array, "5 ..."], origin: Float[Array, " 3"], rays: Float[Array, "3 rays"]
 ) -> Float[Array, " rays"]:
     x, y, z = origin[0] - cylinder[0], origin[1] - cylinder[1], origin[2] - cylinder[2]
+    # A vertical ray never crosses the side; tilted by a millionth it does so far away.
+    is_vertical = rays[0] ** 2 + rays[1] ** 2 < _TINY
+    dx, dy = jnp.where(is_vertical, _TINY**0.5, rays[0]), jnp.where(is_vertical, 0, rays[1])
     # |o + t d|^2 = r^2 in plan view: a t^2 + 2 b t + c = 0.
-    a = jnp.maximum(rays[0] ** 2 + rays[1] ** 2, _TINY)
-    b = x * rays[0] + y * rays[1]
+    a, b = dx**2 + dy**2, x * dx + y * dy
     # The discriminant by the cross product (Lagrange's identity): b^2 - a c would cancel at a distance.
-    cross = x * rays[1] - y * rays[0]
+    cross = x * dy - y * dx
     discriminant = a * cylinder[3] ** 2 - cross**2
     root = jnp.sqrt(jnp.where(discriminant > 0, discriminant, 1))
     enter_z, leave_z = _slab(z, cylinder[4], rays[2])

@@ -62,8 +62,8 @@ class Scene:
     ceiling: float | None = None
 
     def __post_init__(self) -> None:
-        boxes = np.asarray(self.boxes, np.float64)
-        cylinders = np.asarray(self.cylinders, np.float64)
+        boxes = np.array(self.boxes, np.float64)
+        cylinders = np.array(self.cylinders, np.float64)
         if boxes.ndim != 2 or boxes.shape[1] != 7:
             raise InputError(f"Scene {self.name}: boxes must have shape (B, 7), got {boxes.shape}.")
         if cylinders.ndim != 2 or cylinders.shape[1] != 5:
@@ -80,6 +80,8 @@ class Scene:
             )
         if self.ceiling is not None and not 0 < self.ceiling < _NO_CEILING:
             raise InputError(f"Scene {self.name}: the ceiling must be above the floor, got {self.ceiling} m.")
+        boxes.setflags(write=False)
+        cylinders.setflags(write=False)
         object.__setattr__(self, "boxes", boxes)
         object.__setattr__(self, "cylinders", cylinders)
 
@@ -178,8 +180,8 @@ def occupancy(
         shape: (rows, columns), fixed under jit; `MAX_EXTENT` / resolution covers any scene from its lowest corner.
         inflation: [m] radius of the robot's footprint.
     """
-    x = origin[0] + (jnp.arange(shape[0]) + 0.5) * resolution
-    y = origin[1] + (jnp.arange(shape[1]) + 0.5) * resolution
+    x = origin[0] + (jnp.arange(shape[0], dtype=origin.dtype) + 0.5) * resolution
+    y = origin[1] + (jnp.arange(shape[1], dtype=origin.dtype) + 0.5) * resolution
     points = jnp.stack(jnp.meshgrid(x, y, indexing="ij"), axis=-1)
     lower, upper = scene.bounds[:2], scene.bounds[2:]
     outside = ((points < lower) | (points > upper)).any(axis=-1)

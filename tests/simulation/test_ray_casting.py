@@ -92,6 +92,24 @@ def test_from_inside_and_on_faces():
     np.testing.assert_allclose(render(scene, K, *look(-4.0, 1.0 - 1e-3, 0.0, height=1.0))[2, 2], 2.0, atol=1e-4)
 
 
+@pytest.mark.parametrize("x", [0.0, 0.31, 0.56, 1.21, 2.05])
+def test_exactly_vertical_and_level_rays(x):
+    """Oracle: MuJoCo's rays and, on the axis, the heights by hand, from above, beside and inside a post and a table."""
+    scene = make_scene([[2.0, 0.0, 0.6, 0.3, 0.4, 0.1, 0.0]], [[0.0, 0.0, 0.4, 0.5, 0.4]], ceiling=2.5)
+    K = Intrinsics(11, 11, 3.0, 3.0, 5.0, 5.0)
+    model, data = load_scene(scene)
+    down = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    up, level = down @ np.diag([1.0, -1.0, -1.0]), np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    for R in (down, up, level):
+        for height in (1.0, 0.3):
+            position = np.array([x, 0.0, height])
+            ours = np.asarray(render(scene.arrays(), K, jnp.asarray(R, float), jnp.asarray(position, float)))
+            np.testing.assert_allclose(ours, ray_depth(model, data, K, R, position), atol=1e-4)
+            if height == 1.0 and R is down:
+                top = 0.8 if x < 0.5 else 0.7 if x > 1.7 else 0.0
+                np.testing.assert_allclose(ours[5, 5], 1.0 - top, atol=1e-5)
+
+
 def test_max_depth_cuts_to_zero():
     """Oracle: a longer range shows the same pixels and adds only farther ones."""
     scene = generate_scene("lobby", 3)
