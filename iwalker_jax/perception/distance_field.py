@@ -47,9 +47,9 @@ def signed_distance_field(occupied: Bool[Array, "rows columns"], resolution: flo
     Returns:
         Distances [m]; plus or minus the grid's diagonal, `grid_diagonal`, if all cells are free or all are occupied.
     """
-    distance = _metres(_squared_distance_to_other_class(occupied), resolution)
-    one_class = jnp.all(occupied) | ~jnp.any(occupied)
-    magnitude = jnp.where(one_class, distance, distance - 0.5 * resolution)
+    squared = _squared_distance_to_other_class(occupied)
+    to_face = jnp.where(squared < _far(squared.shape), 0.5 * resolution, 0.0)
+    magnitude = _metres(squared, resolution) - to_face
     return jnp.where(occupied, -magnitude, magnitude)
 
 
@@ -58,24 +58,27 @@ def grid_diagonal(shape: tuple[int, int], resolution: float) -> float:
     return resolution * (shape[0] ** 2 + shape[1] ** 2) ** 0.5
 
 
+def _far(shape: tuple[int, ...]) -> int:
+    """Squared length of the diagonal [cells^2]: above every D(i, j), stands for "there is no such cell"."""
+    return shape[0] ** 2 + shape[1] ** 2
+
+
 def _metres(squared: Int[Array, "rows columns"], resolution: float) -> Float[Array, "rows columns"]:
-    far = squared.shape[0] ** 2 + squared.shape[1] ** 2
-    return resolution * jnp.sqrt(jnp.minimum(squared, far).astype(jnp.result_type(float)))
+    return resolution * jnp.sqrt(jnp.minimum(squared, _far(squared.shape)).astype(jnp.result_type(float)))
 
 
 # Mapped one by one, each map of a batch stops at its own distance and stays in the cache; in one batched loop every
 # map would wait for the slowest and travel through memory at each step.
 @sequential_vmap
 def _squared_distance_to_other_class(occupied: Bool[Array, "rows columns"]) -> Int[Array, "rows columns"]:
-    """D(i, j) of the module's docstring [cells^2]; at least rows^2 + columns^2 if there is one class only.
+    """D(i, j) of the module's docstring [cells^2]; at least `_far` if there is one class only.
 
     Brute force over k in wide integer operations beats the linear-time envelope algorithms here, because those walk
     from cell to cell. Two orders of trying k keep it short: outwards from j until no farther column can help (soon over
-    where obstacles are many), and the useful columns one by one (soon over where obstacles are few). Shifts are tried
-    first, for as long as all useful columns would take: at worst twice the cost of the better order.
+    where obstacles are many), and the useful columns one by one (soon over where obstacles are few).
     """
     rows, columns = occupied.shape
-    far = rows**2 + columns**2
+    far = _far(occupied.shape)
 
     def squared(distance: Int[Array, "a b"]) -> Int[Array, "a b"]:
         wide = distance.astype(jnp.int32)
@@ -83,22 +86,32 @@ def _squared_distance_to_other_class(occupied: Bool[Array, "rows columns"]) -> I
 
     along_column = squared(_distance_to_other_class_above_or_below(occupied))
     along_row = squared(_distance_to_other_class_above_or_below(occupied.T).T)
-    useful = jnp.any(along_column < far, axis=0)
+    useful = jnp.any(occupied != occupied[0], axis=0)
     best, improvable = _try_shifts(jnp.minimum(along_row, along_column), along_column, jnp.sum(useful))
     return lax.cond(improvable, lambda: _try_columns(best, along_column, useful), lambda: best)
 
 
 def _try_shifts(
-    best: Int[Array, "rows columns"], along_column: Int[Array, "rows columns"], budget: Int[Array, ""]
+    best: Int[Array, "rows columns"], along_column: Int[Array, "rows columns"], useful: Int[Array, ""]
 ) -> tuple[Int[Array, "rows columns"], Bool[Array, ""]]:
-    """Lower D by the columns nearest to each cell, at most `budget` of them; also whether others could lower it."""
+    """Lower D by the columns nearest to each cell; also whether the others could still lower it.
+
+    Gives up when it has tried as many columns as are useful and has more than those still to try: together with
+    `_try_columns` this costs at most twice what the better order alone would.
+    """
     rows, columns = best.shape
     margin = columns + _TRIALS
-    padded = jnp.pad(along_column, ((0, 0), (margin, margin)), constant_values=rows**2 + columns**2)
+    padded = jnp.pad(along_column, ((0, 0), (margin, margin)), constant_values=_far(best.shape))
     lowest = jnp.min(along_column, axis=1)
 
-    def improvable(shift: Int[Array, ""], best: Int[Array, "rows columns"]) -> Bool[Array, ""]:
-        return jnp.any(shift**2 + lowest < jnp.max(best, axis=1))
+    def reach(best: Int[Array, "rows columns"]) -> Int[Array, ""]:
+        """Squared shift from which on no candidate of any row is below any D of that row."""
+        return jnp.max(jnp.max(best, axis=1) - lowest)
+
+    def worthwhile(carry: tuple) -> Bool[Array, ""]:
+        shift, _, squared_reach = carry
+        few_tried, few_left = 2 * shift < useful, 4 * squared_reach < (2 * shift + useful) ** 2
+        return (shift**2 < squared_reach) & (few_tried | few_left)
 
     def step(carry: tuple) -> tuple:
         shift, best, _ = carry
@@ -106,27 +119,27 @@ def _try_shifts(
             right = lax.dynamic_slice(padded, (0, margin + d), (rows, columns))
             left = lax.dynamic_slice(padded, (0, margin - d), (rows, columns))
             best = jnp.minimum(best, jnp.minimum(left, right) + d**2)
-        return shift + _TRIALS, best, improvable(shift + _TRIALS, best)
+        return shift + _TRIALS, best, reach(best)
 
-    first = jnp.asarray(1, jnp.int32)
-    start = (first, best, improvable(first, best))
-    _, best, open_end = lax.while_loop(lambda c: c[2] & (2 * c[0] < budget), step, start)
-    return best, open_end
+    start = (jnp.asarray(1, jnp.int32), best, reach(best))
+    shift, best, squared_reach = lax.while_loop(worthwhile, step, start)
+    return best, shift**2 < squared_reach
 
 
 def _try_columns(
     best: Int[Array, "rows columns"], along_column: Int[Array, "rows columns"], useful: Bool[Array, "columns"]
 ) -> Int[Array, "rows columns"]:
-    """Lower D by every useful column: one that holds a cell of each class."""
+    """Lower D by every useful column: one that holds cells of both classes."""
     rows, columns = best.shape
     # The list's unused end repeats column 0, which is a valid candidate like any other.
     order = jnp.nonzero(useful, size=columns + _TRIALS, fill_value=0)[0].astype(jnp.int32)
-    j = lax.broadcasted_iota(jnp.int32, (1, columns), 1)
+    squares = (lax.broadcasted_iota(jnp.int32, (1, 2 * columns), 1) - columns) ** 2
 
     def step(carry: tuple) -> tuple:
         tried, best = carry
         for k in [order[tried + n] for n in range(_TRIALS)]:
-            best = jnp.minimum(best, lax.dynamic_slice(along_column, (0, k), (rows, 1)) + (j - k) ** 2)
+            along_row = lax.dynamic_slice(squares, (0, columns - k), (1, columns))
+            best = jnp.minimum(best, lax.dynamic_slice(along_column, (0, k), (rows, 1)) + along_row)
         return tried + _TRIALS, best
 
     start = (jnp.asarray(0, jnp.int32), best)

@@ -132,9 +132,9 @@ def test_transposing_and_mirroring_the_map_does_the_same_to_the_field():
     """Oracle: symmetry of the plane."""
     occupied = jnp.asarray(MAPS["tenth"])
     field = SIGNED(occupied, RESOLUTION)
-    np.testing.assert_array_equal(SIGNED(occupied.T, RESOLUTION), field.T)
-    np.testing.assert_array_equal(SIGNED(occupied[::-1], RESOLUTION), field[::-1])
-    np.testing.assert_array_equal(SIGNED(~occupied, RESOLUTION), -field)
+    np.testing.assert_allclose(SIGNED(occupied.T, RESOLUTION), field.T, atol=1e-6)
+    np.testing.assert_allclose(SIGNED(occupied[::-1], RESOLUTION), field[::-1], atol=1e-6)
+    np.testing.assert_allclose(SIGNED(~occupied, RESOLUTION), -field, atol=1e-6)
 
 
 def test_a_batch_equals_a_loop_and_nested_batches_work():
@@ -142,9 +142,9 @@ def test_a_batch_equals_a_loop_and_nested_batches_work():
     maps = jnp.asarray(np.stack([MAPS["half"], MAPS["sparse"], MAPS["first cell"], MAPS["walls"]]))
     single_maps = jnp.stack([SIGNED(m, RESOLUTION) for m in maps])
     batch = jax.jit(jax.vmap(lambda m: signed_distance_field(m, RESOLUTION)))
-    np.testing.assert_array_equal(batch(maps), single_maps)
+    np.testing.assert_allclose(batch(maps), single_maps, atol=1e-6)
     nested = jax.jit(jax.vmap(jax.vmap(lambda m: signed_distance_field(m, RESOLUTION))))
-    np.testing.assert_array_equal(nested(maps.reshape(2, 2, *SHAPE)), single_maps.reshape(2, 2, *SHAPE))
+    np.testing.assert_allclose(nested(maps.reshape(2, 2, *SHAPE)), single_maps.reshape(2, 2, *SHAPE), atol=1e-6)
 
 
 def test_gradients_flow_past_the_field():
