@@ -6,11 +6,12 @@ an upper, y < 0 only at a lower bound. ADMM finds nearly the right active set, a
 exact (Hintermueller, Ito, Kunisch 2002); rounds of both run until the set reproduces itself.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.linalg import solve
+from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float, Int
 
 # One penalty does not serve all problems: cycling over four decades leaves about a tenth of the failures.
@@ -26,41 +27,47 @@ class ActiveSet(NamedTuple):
 
     Attributes:
         sides: (m,) +1 at an upper bound, -1 at a lower one, 0 free.
-        error: () largest violation of a bound or of a multiplier's sign, in units of w.
+        within: (m,) ADMM's last point: near the optimum and within the bounds even if the search failed.
         rounds: () rounds used.
     """
 
     sides: Int[Array, "m"]
-    error: Float[Array, ""]
+    within: Float[Array, "m"]
     rounds: Int[Array, ""]
 
 
-def multipliers(
-    inverse: Float[Array, "m m"],
-    free: Float[Array, "m"],
-    low: Float[Array, "m"],
-    high: Float[Array, "m"],
-    sides: Int[Array, "m"],
-) -> Float[Array, "m"]:
-    """Multipliers y that hold the active bounds exactly; differentiable in all but the set.
+def bound_solver(
+    inverse: Float[Array, "m m"], sides: Int[Array, "m"]
+) -> Callable[[Float[Array, "m"]], Float[Array, "m"]]:
+    """Function from the active bounds' violation w - bound to the multipliers that remove it.
+
+    Factorises once; derivatives follow the linear system and hold the set.
 
     Args:
         inverse: S.
-        free: w*, the optimum without bounds.
     """
     active = sides != 0
-    bound = jnp.where(sides > 0, high, low)
-    scale = jnp.mean(jnp.diagonal(inverse))
     both = active[:, None] & active[None, :]
     # The jitter keeps the Cholesky factor real when the active steps leave almost no freedom.
-    diagonal = jnp.where(active, 10 * jnp.finfo(inverse.dtype).eps, 1.0) * scale
+    jitter = 10 * jnp.finfo(inverse.dtype).eps
+    diagonal = jnp.where(active, jitter, 1.0) * jnp.mean(jnp.diagonal(inverse))
     system = jnp.where(both, inverse, 0) + jnp.diag(diagonal)
-    return solve(system, jnp.where(active, free - bound, 0), assume_a="pos")
+    factor = cho_factor(jax.lax.stop_gradient(system))
+
+    def respond(violation: Float[Array, "m"]) -> Float[Array, "m"]:
+        return jax.lax.custom_linear_solve(
+            lambda y: system @ y,
+            jnp.where(active, violation, 0),
+            lambda _, b: cho_solve(factor, b),
+            symmetric=True,
+        )
+
+    return respond
 
 
 def find_active_set(
     inverse: Float[Array, "m m"],
-    relaxed: Float[Array, "p m m"],
+    relaxed: Callable[[Int[Array, ""]], Float[Array, "m m"]],
     free: Float[Array, "m"],
     low: Float[Array, "m"],
     high: Float[Array, "m"],
@@ -69,7 +76,7 @@ def find_active_set(
 
     Args:
         inverse: S.
-        relaxed: rho (R H R' + rho I)^-1, of ADMM's own quadratic problem, for rho = PENALTIES times a base.
+        relaxed: rho (R H R' + rho I)^-1, of ADMM's own quadratic problem, for an index into PENALTIES.
         free: w*.
     """
     eps = jnp.finfo(free.dtype).eps
@@ -77,7 +84,8 @@ def find_active_set(
     scale = jnp.mean(jnp.diagonal(inverse))
 
     def refine(sides: Int[Array, "m"]) -> tuple[Int[Array, "m"], Float[Array, ""]]:
-        y = multipliers(inverse, free, low, high, sides)
+        bound = jnp.where(sides > 0, high, low)
+        y = bound_solver(inverse, sides)(free - bound)
         w = free - inverse @ y
         outside = jnp.where(w > high + slack, 1, jnp.where(w < low - slack, -1, 0))
         after = jnp.where(sides == 0, outside, jnp.where(y * sides > 0, sides, 0))
@@ -105,15 +113,15 @@ def find_active_set(
         ladder = jnp.asarray(PENALTIES, free.dtype)
         now, before = rounds % len(PENALTIES), (rounds - 1) % len(PENALTIES)
         y = y * ladder[before] / ladder[now]
-        z, y, _ = jax.lax.fori_loop(0, _ADMM_STEPS, admm, (z, y, relaxed[now]))
+        z, y, _ = jax.lax.fori_loop(0, _ADMM_STEPS, admm, (z, y, relaxed(now)))
         sides = jnp.where(y > slack, 1, jnp.where(y < -slack, -1, 0))
         start = (sides, best, error, jnp.asarray(False), 0)
         _, best, error, done, _ = jax.lax.while_loop(lambda c: ~c[3] & (c[4] < _ACTIVE_SET_STEPS), attempt, start)
         return (z, y), best, error, done, rounds + 1
 
     nothing = jnp.zeros(free.shape, int)
-    _, error = refine(nothing)
+    error = jnp.max(jnp.maximum(jnp.maximum(free - high, low - free), 0))
     zero = jnp.asarray(0, jnp.int32)
     start = ((jnp.clip(free, low, high), jnp.zeros_like(free)), nothing, error, error <= slack, zero)
-    _, best, error, _, rounds = jax.lax.while_loop(lambda c: ~c[3] & (c[4] < _ROUNDS), turn, start)
-    return ActiveSet(best, error, rounds)
+    state, best, _, _, rounds = jax.lax.while_loop(lambda c: ~c[3] & (c[4] < _ROUNDS), turn, start)
+    return ActiveSet(best, state[0], rounds)

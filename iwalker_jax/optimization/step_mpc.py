@@ -78,7 +78,7 @@ def solve_step_mpc(
     steps, gait, rows = tracking_problem(form, cost, footsteps, initial_state)
     point = solve_kkt(cost, form.pole, rows, gradient)
     residual = jax.lax.stop_gradient(kkt_residual(cost, form.pole, point, rows))
-    plan = as_plan(form, cost, footsteps, steps, gait, point)
+    plan = as_plan(form, cost, footsteps, steps, gait, *point[:2])
     converged = residual <= jnp.sqrt(jnp.finfo(residual.dtype).eps)
     status = jnp.where(converged, Status.CONVERGED, Status.MAX_ITERATIONS).astype(jnp.int32)
     return conclude(plan, residual, usable, status, jnp.asarray(1, jnp.int32))

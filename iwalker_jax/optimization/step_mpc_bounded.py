@@ -5,8 +5,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.box_qp import PENALTIES, find_active_set, multipliers
-from iwalker_jax.optimization.hlip import HlipParameters, divergent_component, field_values, modes
+from iwalker_jax.optimization.box_qp import PENALTIES, bound_solver, find_active_set
+from iwalker_jax.optimization.hlip import HlipParameters, Modes, divergent_component, field_values, modes
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
 from iwalker_jax.optimization.step_mpc import solve_kkt
 from iwalker_jax.optimization.step_problem import (
@@ -50,9 +50,10 @@ def solve_bounded_step_mpc(
             bounds held.
 
     Returns:
-        Solution whose value is a `StepPlan`. INFEASIBLE says that no steps within reach keep the COM bounded: the
-        plan then catches the nearest state towards the middle of the catchable set, and the residual tells by how
-        much the true one lies beyond (0.1 is 10 %).
+        Solution whose value is a `StepPlan` within reach, whatever the status. INFEASIBLE: no steps within reach
+        keep the COM bounded; the plan catches the state where the true one, moved towards the middle of the
+        catchable set, enters it, and the residual tells how far beyond the true one lies (0.1 is 10 %).
+        MAX_ITERATIONS: the active bounds were not found; the steps are approximate and xi_0 is not the robot's.
 
     Raises:
         InputError: on wrong shapes or an unknown gradient mode.
@@ -92,21 +93,28 @@ def solve_bounded_step_mpc(
         blocks = jnp.einsum("kij,lmj,kl->kilm", axes, axes, matrix)
         return blocks.reshape(2 * horizon, 2 * horizon)
 
-    def damped(penalty: Float[Array, ""]) -> Float[Array, "m m"]:
+    def damped(penalty: Float[Array, ""]) -> Float[Array, "n n"]:
         heavier = cost._replace(effort=cost.effort + penalty)
-        return turned(penalty * solve_kkt(heavier, form.pole, probe, "stopped")[1])
+        return penalty * solve_kkt(heavier, form.pole, probe, "unrolled")[1]
 
-    inverse = turned(solve_kkt(cost, form.pole, probe, gradient)[1])
-    scale = jnp.mean(jnp.diagonal(inverse))
-    relaxed = jax.vmap(damped)(_PENALTY * jnp.asarray(PENALTIES, dtype) / scale)
+    compliance = solve_kkt(cost, form.pole, probe, gradient)[1]
+    inverse, scale = turned(compliance), jnp.mean(jnp.diagonal(compliance))
+    operators = jax.vmap(damped)(_PENALTY * jnp.asarray(PENALTIES, dtype) / scale)
     box = (low.ravel(), high.ravel())
-    forces = jnp.zeros_like(footsteps)
-    push, point, landing = pushed(forces)
-    found = find_active_set(*jax.lax.stop_gradient((inverse, relaxed, landing, *box)))
+    start = pushed(jnp.zeros_like(footsteps))
+    frozen = jax.lax.stop_gradient((inverse, operators, start[2], *box))
+    found = find_active_set(frozen[0], lambda i: turned(frozen[1][i]), *frozen[2:])
+    respond = bound_solver(inverse, found.sides)
+    bound = jnp.where(found.sides > 0, box[1], box[0])
+
+    def refine(carry: tuple, _: None) -> tuple[tuple, None]:
+        forces, (_, _, landing) = carry
+        forces += respond(landing - bound).reshape(horizon, 2)
+        return (forces, pushed(forces)), None
+
     # Repeating the solve with what is left of the violation takes out the rounding of the inverse.
-    for _ in range(_REFINEMENTS):
-        forces += multipliers(inverse, landing, *box, found.sides).reshape(horizon, 2)
-        push, point, landing = pushed(forces)
+    begin = (jnp.zeros_like(footsteps), start)
+    (forces, (push, point, landing)), _ = jax.lax.scan(refine, begin, None, length=_REFINEMENTS)
 
     outside = jnp.max(jnp.maximum(landing - box[1], box[0] - landing))
     wrong = jnp.max(-forces.ravel() * found.sides) * scale
@@ -116,8 +124,36 @@ def solve_bounded_step_mpc(
     status = jnp.where(converged, Status.CONVERGED, Status.MAX_ITERATIONS)
     status = jnp.where(excess > 0, Status.INFEASIBLE, status).astype(jnp.int32)
     residual = jax.lax.stop_gradient(jnp.maximum(residual, excess))
-    plan = as_plan(form, cost, footsteps, steps, gait, point)
+    within = jnp.einsum("kij,ki->kj", axes, found.within.reshape(horizon, 2))
+    safe = hold_steps(form, within, steps, gait, caught)
+    point = jax.tree.map(lambda a, b: jnp.where(converged, a, b), point[:2], safe)
+    plan = as_plan(form, cost, footsteps, steps, gait, *point)
     return conclude(plan, residual, usable, status, found.rounds)
+
+
+def hold_steps(
+    form: Modes,
+    taken: Float[Array, "n 2"],
+    steps: Float[Array, "n 2"],
+    gait: Float[Array, "n 2 2"],
+    initial_state: Float[Array, "2 3"],
+) -> tuple[Float[Array, "n 3 2"], Float[Array, "n 2"]]:
+    """Deviations from the reference under fixed steps: zeta runs forward, xi backward from the gait, so both stay
+    bounded; only the initial xi is then not the robot's own.
+    """
+
+    def forward(zeta: Float[Array, "2"], step: Float[Array, "2"]) -> tuple[Array, Array]:
+        zeta = (zeta - step) / form.pole
+        return zeta, zeta
+
+    def backward(xi: Float[Array, "2"], step: Float[Array, "2"]) -> tuple[Array, Array]:
+        return step + xi / form.pole, xi
+
+    start = initial_state[:, 1] + form.convergent_lead * initial_state[:, 2]
+    _, convergent = jax.lax.scan(forward, start, taken)
+    _, divergent = jax.lax.scan(backward, gait[-1, 0], taken, reverse=True)
+    offset = jnp.cumsum(taken - steps, axis=0)
+    return jnp.stack([offset, divergent - gait[:, 0], convergent - gait[:, 1]], axis=1), taken - steps
 
 
 def catch(

@@ -187,10 +187,10 @@ def as_plan(
     footsteps: Float[Array, "n 2"],
     steps: Float[Array, "n 2"],
     gait: Float[Array, "n 2 2"],
-    point: Kkt,
+    states: Float[Array, "n 3 2"],
+    inputs: Float[Array, "n 2"],
 ) -> StepPlan:
-    """Plan from the wanted footsteps and steps, the reference (xi, zeta) and the deviation from all of them."""
-    states, inputs, _ = point
+    """Plan from the wanted footsteps and steps, the reference (xi, zeta) and the deviations from them."""
     planned, taken = footsteps + states[:, 0], steps + inputs
     divergent, convergent = gait[:, 0] + states[:, 1], gait[:, 1] + states[:, 2]
     velocity = (divergent - convergent) / (form.divergent_lead - form.convergent_lead)
