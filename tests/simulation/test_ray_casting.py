@@ -199,3 +199,19 @@ def test_gradient_of_scene_geometry(x64):
             smooth = abs(numeric) < 1e3
             assert smooth.mean() > 0.98
             np.testing.assert_allclose(ours[smooth], numeric[smooth], rtol=1e-5, atol=1e-5)
+
+
+def test_gradients_stay_finite_in_degenerate_poses():
+    """Oracle: none but finiteness; rays exactly along axes and faces, cameras inside geoms, single precision."""
+    scene = make_scene([[2.0, 0.0, 0.6, 0.3, 0.4, 0.6, 0.0]], [[0.0, 2.0, 0.58, 0.5, 0.58]], ceiling=2.5).arrays()
+    K = Intrinsics(11, 11, 3.0, 3.0, 5.0, 5.0)
+    gradient = jax.jit(jax.grad(lambda R, p, s: render_depth(s, K, R, p).sum(), argnums=(0, 1, 2)))
+    down = jnp.asarray([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    level = jnp.asarray([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    some = 0.0
+    for R in (down, level):
+        for position in ([2.0, 0.0, 0.6], [1.7, 0.4, 1.2], [0.0, 2.0, 1.16], [0.5, 2.0, 0.58], [0.0, 0.0, 0.58]):
+            leaves = jax.tree.leaves(gradient(R, jnp.asarray(position), scene))
+            assert all(np.isfinite(leaf).all() for leaf in leaves), position
+            some += sum(float(abs(leaf).sum()) for leaf in leaves)
+    assert some > 1.0
