@@ -1,0 +1,141 @@
+"""Cost-to-go: agreement and speed against SciPy's Dijkstra on the same graph.
+
+Run with `python -m benchmarks.cost_to_go`. Dijkstra gets its graph ready-made; building it is not timed.
+"""
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from functools import partial
+
+from iwalker_jax.runtime import configure_runtime
+
+configure_runtime()
+
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+import scipy  # noqa: E402
+from scipy.ndimage import distance_transform_edt  # noqa: E402
+from scipy.sparse import csr_matrix  # noqa: E402
+from scipy.sparse.csgraph import dijkstra  # noqa: E402
+
+from iwalker_jax.optimization.solution import Solution  # noqa: E402
+from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go  # noqa: E402
+from iwalker_jax.perception.grid import GridSpec  # noqa: E402
+
+SIZES = (80, 160)
+BATCH = 64
+REPEATS = 7
+
+
+def test_maps(size: int, resolution: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Batches of costs by name; a dozen rectangles block the way in each. Noise bends routes at every cell."""
+    blocked = np.zeros((BATCH, size, size), bool)
+    for occupied in blocked:
+        for _ in range(12):
+            i, j = rng.integers(0, size, 2)
+            height, width = rng.integers(3, size // 4, 2)
+            occupied[i : i + height, j : j + width] = True
+    clearance = np.stack([distance_transform_edt(~occupied) * resolution for occupied in blocked])
+    costs = {
+        "uniform": np.ones(blocked.shape),
+        "dear near walls": 1 + 4 * np.exp(-clearance / 0.3),
+        "noise 1 to 3": rng.uniform(1, 3, blocked.shape),
+    }
+    return {name: np.where(blocked, np.inf, cost).astype(np.float32) for name, cost in costs.items()}
+
+
+def graph(cost: np.ndarray, resolution: float) -> csr_matrix:
+    """Half of the undirected 16-neighbour graph; an edge costs the mean of the cells it touches."""
+    rows, columns = cost.shape
+    index = np.arange(cost.size).reshape(cost.shape)
+    # Per move: the cells that the step touches, as offsets from its start.
+    moves = {(0, 1): [(0, 0), (0, 1)], (1, 0): [(0, 0), (1, 0)]}
+    for side in (-1, 1):
+        moves[1, side] = [(0, 0), (0, side), (1, 0), (1, side)]
+        moves[2, side] = [(0, 0), (1, 0), (1, side), (2, side)]
+        moves[1, 2 * side] = [(0, 0), (0, side), (1, side), (1, 2 * side)]
+    sources, targets, weights = [], [], []
+    for (a, b), touched in moves.items():
+        i, j = np.meshgrid(np.arange(rows - a), np.arange(max(0, -b), columns - max(0, b)), indexing="ij")
+        mean = np.mean([cost[i + p, j + q] for p, q in touched], axis=0, dtype=float)
+        open_edge = np.isfinite(mean)
+        sources.append(index[i, j][open_edge])
+        targets.append(index[i + a, j + b][open_edge])
+        weights.append(mean[open_edge] * np.hypot(a, b) * resolution)
+    ends = np.concatenate(sources), np.concatenate(targets)
+    return csr_matrix((np.concatenate(weights), ends), shape=(cost.size, cost.size))
+
+
+def milliseconds(calls: dict[str, Callable[[], object]]) -> dict[str, tuple[float, float]]:
+    """Best and median time [ms] of each call, taken in turns so that a busy machine slows all of them alike."""
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(REPEATS):
+        for name, call in calls.items():
+            start = time.perf_counter()
+            jax.block_until_ready(call())
+            times[name].append(1e3 * (time.perf_counter() - start))
+    return {name: (min(t), float(np.median(t))) for name, t in times.items()}
+
+
+def worst_error(costs: np.ndarray, solution: Solution, grid: GridSpec) -> float:
+    """Largest relative difference from Dijkstra over every eighth map."""
+    worst = 0.0
+    for n in range(0, BATCH, 8):
+        cell = np.floor(np.asarray(solution.value.goal[n]) / grid.resolution).astype(int)
+        seed = costs[n][tuple(cell)] * solution.value.goal_offset[n]
+        source = cell @ [grid.columns, 1]
+        expected = seed + dijkstra(graph(costs[n], grid.resolution), directed=False, indices=source)
+        found = np.asarray(solution.value.cost[n]).ravel()
+        reached = np.isfinite(expected)
+        if np.any(found[~reached] != UNREACHABLE):
+            raise RuntimeError(f"Map {n}: the solver and Dijkstra disagree on which cells reach the goal.")
+        worst = max(worst, float(np.max(np.abs(found / expected - 1)[reached & (expected > 0)])))
+    return worst
+
+
+def main() -> None:
+    """Print the table."""
+    print(
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, jax {jax.__version__}, "
+        f"SciPy {scipy.__version__}; milliseconds a map, best (median) of {REPEATS}"
+    )
+    print(
+        f"{'size':>4} {'map':<15} {'rel. error':>10} {'rounds':>6} {'single':>15} {f'batch of {BATCH}':>15} "
+        f"{'Dijkstra':>15} {'batch/Dijkstra':>14}"
+    )
+    for size in SIZES:
+        grid = GridSpec(x_min=0.0, y_min=0.0, resolution=0.05, rows=size, columns=size)
+        rng = np.random.default_rng(0)
+        goals = jnp.asarray(rng.uniform(0, grid.x_max, (BATCH, 2)), jnp.float32)
+        single = jax.jit(partial(cost_to_go, grid=grid))
+        shapes = (jax.ShapeDtypeStruct((BATCH, *grid.shape), jnp.float32), goals)
+        start = time.perf_counter()
+        batched = jax.jit(jax.vmap(partial(cost_to_go, grid=grid))).lower(*shapes).compile()
+        compiled = time.perf_counter() - start
+        for name, maps in test_maps(size, grid.resolution, rng).items():
+            costs = jnp.asarray(maps)
+            solution = jax.block_until_ready(batched(costs, goals))
+            jax.block_until_ready(single(costs[0], goals[0]))
+            source = np.floor(np.asarray(solution.value.goal[0]) / grid.resolution).astype(int) @ [size, 1]
+            times = milliseconds(
+                {
+                    "single": partial(single, costs[0], goals[0]),
+                    "batch": partial(batched, costs, goals),
+                    "peer": partial(dijkstra, graph(maps[0], grid.resolution), directed=False, indices=source),
+                }
+            )
+            many = [t / BATCH for t in times["batch"]]
+            print(
+                f"{size:>4} {name:<15} {worst_error(maps, solution, grid):10.1e} "
+                f"{np.mean(solution.iterations):6.1f} {times['single'][0]:7.2f} ({times['single'][1]:5.2f}) "
+                f"{many[0]:7.2f} ({many[1]:5.2f}) {times['peer'][0]:7.2f} ({times['peer'][1]:5.2f}) "
+                f"{many[0] / times['peer'][0]:14.2f}"
+            )
+        print(f"{size:>4} batch compiled, or loaded from the compilation cache, in {compiled:.2f} s")
+
+
+if __name__ == "__main__":
+    main()
