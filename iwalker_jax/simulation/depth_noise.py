@@ -49,7 +49,7 @@ class DepthNoise:
     std_at_1m: float = 0.0023
     growth: float = 2.55
     noise_length: float = 9.0
-    surface_bias: float = 2.0
+    surface_bias: float = 1.3
     surface_spread: float = 0.5
     surface_length: float = 11.0
     near_holes: float = 0.006
