@@ -55,3 +55,10 @@ def pool_2x2(field: Float[Array, "rows columns"]) -> Float[Array, "half_rows hal
     """Mean of every 2 x 2 block: the field on the `halved` grid."""
     rows, columns = field.shape[0] // 2, field.shape[1] // 2
     return field[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2).mean(axis=(1, 3))
+
+
+def softened(field: Float[Array, "rows columns"]) -> Float[Array, "rows columns"]:
+    """Mean of each cell and its eight neighbours: single unseen cells vanish, and borders become slopes."""
+    padded = jnp.pad(field, 1, mode="edge")
+    rows, columns = field.shape
+    return sum(padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)) / 9.0

@@ -11,7 +11,8 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.splines import resample_by_arc_length, safe_norm
 from iwalker_jax.optimization.hlip import HlipParameters
 from iwalker_jax.optimization.solution import GradientMode
-from iwalker_jax.optimization.step_mpc import StepMpcWeights, solve_step_mpc
+from iwalker_jax.optimization.step_mpc import solve_step_mpc
+from iwalker_jax.optimization.step_problem import StepMpcWeights
 from iwalker_jax.optimization.unicycle import UnicycleParameters, initial_state_from_reference
 from iwalker_jax.optimization.unicycle_mpc import solve_unicycle
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
@@ -28,6 +29,9 @@ class LossWeights:
 
     Attributes:
         tracking: [1/m^2] MSE between the path and its unicycle optimum (eq. 4).
+        route: [1/m] mean distance between the path and the best route through what the frame itself shows: the optimum
+            of a third lower level, a geodesic planner. The costs below are flat behind obstacles and leave a path
+            that starts through a wall there; this term shows it the way around.
         regret: [1/m] cost of the path plus the cost-to-go from its end, minus the cost-to-go from the robot: zero
             for the best route through the frame's own map. The published method replaces the last waypoint by the
             goal instead, which leaves goals inside, behind or beyond obstacles without an answer.
@@ -42,8 +46,9 @@ class LossWeights:
     """
 
     tracking: float = 40.0
-    regret: float = 1.0
-    progress: float = 0.5
+    route: float = 3.0
+    regret: float = 0.3
+    progress: float = 0.1
     clearance: float = 2.0
     fear: float = 0.1
     step_tracking: float = 100.0
@@ -69,6 +74,7 @@ class PlannerModels:
         steps: desired foot placement.
         traversal: cost of walking through the map.
         safety_margin: [m] clearance beyond the body radius that the collision terms ask for.
+        blind_walking: extra cost per metre of a path (not of the cost-to-go) through space that was not seen.
     """
 
     unicycle: UnicycleParameters = UnicycleParameters()
@@ -77,12 +83,14 @@ class PlannerModels:
     steps: StepGeometry = StepGeometry()
     traversal: TraversalRules = TraversalRules()
     safety_margin: float = 0.15
+    blind_walking: float = 6.0
 
 
 class PathLosses(NamedTuple):
     """Terms of U_path for one frame, unweighted (see `LossWeights`), and whether the lower level converged."""
 
     tracking: Float[Array, ""]
+    route: Float[Array, ""]
     regret: Float[Array, ""]
     progress: Float[Array, ""]
     clearance: Float[Array, ""]
@@ -130,16 +138,19 @@ def path_losses(
 
     clearance = sample_smooth(maps.esdf, DEFAULT_GRID, path)
     unknown = sample_bilinear(maps.unknown, ROUTE_GRID, path, outside="clamp")
-    cost = traversal_cost(clearance, unknown, models.traversal)
+    # Through unseen space the route map may guess, but the path itself must not go: it ends where sight ends.
+    cost = traversal_cost(clearance, unknown, models.traversal) + models.blind_walking * unknown
     lengths = safe_norm(jnp.diff(path, axis=0))
     spent = jnp.sum(0.5 * (cost[1:] + cost[:-1]) * lengths)
-    to_go = sample_smooth(maps.route, ROUTE_GRID, path[-1])
-    best = jax.lax.stop_gradient(sample_smooth(maps.route, ROUTE_GRID, path[0]))
+    to_go = sample_smooth(maps.to_go, ROUTE_GRID, path[-1])
+    best = jax.lax.stop_gradient(sample_smooth(maps.to_go, ROUTE_GRID, path[0]))
+    # A distance, not its square: between two ways around an obstacle the mean of both is the worst choice.
+    route = jnp.mean(safe_norm(path - resample_by_arc_length(maps.route, path.shape[0]), epsilon=0.05))
 
     worst = jnp.max(overlap(clearance, models))
     touches = jax.lax.stop_gradient((jnp.min(clearance) < models.traversal.body_radius).astype(path.dtype))
     fear_loss = jnp.logaddexp(0.0, fear) - touches * fear
-    return PathLosses(tracking, spent + to_go - best, to_go, worst, fear_loss, solution.gradient_valid)
+    return PathLosses(tracking, route, spent + to_go - best, to_go, worst, fear_loss, solution.gradient_valid)
 
 
 def step_losses(

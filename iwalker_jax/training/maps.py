@@ -6,15 +6,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from iwalker_jax.geometry.splines import resample_by_arc_length
 from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.perception.cost_to_go import cost_to_go
+from iwalker_jax.perception.cost_to_go import cost_to_go, descend
 from iwalker_jax.perception.grid import DEFAULT_GRID
 from iwalker_jax.perception.local_map import build_local_map
-from iwalker_jax.perception.traversal import TraversalRules, halved, pool_2x2, traversal_cost
+from iwalker_jax.perception.map_sampling import sample_bilinear
+from iwalker_jax.perception.traversal import TraversalRules, halved, pool_2x2, softened, traversal_cost
 from iwalker_jax.training.frames import DEPTH_UNIT, FrameSet
 
 ROUTE_GRID = halved(DEFAULT_GRID)
 """10 cm cells are fine enough for routes; clearance itself is sampled from the 5 cm distance field."""
+
+ROUTE_POINTS = 50
+_SMOOTHING_PASSES = 6
 
 
 class TrainingData(NamedTuple):
@@ -24,8 +29,9 @@ class TrainingData(NamedTuple):
         depth: (n, height, width) uint16 [mm].
         goals: (n, g, 2) [m] in base.
         esdf: (n, rows, columns) float16 [m] on `DEFAULT_GRID`.
-        unknown: (n, half_rows, half_columns) float16, share of unseen cells on `ROUTE_GRID`.
-        routes: (n, g, half_rows, half_columns) float16, cost-to-go to each goal on `ROUTE_GRID`.
+        unknown: (n, half_rows, half_columns) float16, softened share of unseen cells on `ROUTE_GRID`.
+        to_go: (n, g, half_rows, half_columns) float16, cost-to-go to each goal on `ROUTE_GRID`.
+        routes: (n, g, points, 2) float16 [m], best seen route to each goal, see `seen_route`.
         published: (n, 100, 100) float16, the paper's collision map.
     """
 
@@ -33,6 +39,7 @@ class TrainingData(NamedTuple):
     goals: Array
     esdf: Array
     unknown: Array
+    to_go: Array
     routes: Array
     published: Array
 
@@ -42,12 +49,19 @@ class FrameMaps(NamedTuple):
 
     esdf: Float[Array, "*batch rows columns"]
     unknown: Float[Array, "*batch half_rows half_columns"]
-    route: Float[Array, "*batch half_rows half_columns"]
+    to_go: Float[Array, "*batch half_rows half_columns"]
+    route: Float[Array, "*batch points 2"]
     published: Float[Array, "*batch map_rows map_columns"]
 
     def mirrored(self) -> "FrameMaps":
         """Left and right exchanged (the grids are symmetric about the x axis)."""
-        return FrameMaps(*(field[..., ::-1] for field in self))
+        return FrameMaps(
+            self.esdf[..., ::-1],
+            self.unknown[..., ::-1],
+            self.to_go[..., ::-1],
+            self.route * jnp.asarray([1.0, -1.0], self.route.dtype),
+            self.published[..., ::-1],
+        )
 
 
 def frame_maps(
@@ -57,12 +71,40 @@ def frame_maps(
     intrinsics: Intrinsics,
     rules: TraversalRules,
 ) -> FrameMaps:
-    """Maps of one depth image [m] and its goals [m]; `route` gets a leading goal axis. Pure; jit and vmap it."""
+    """Maps of one depth image [m] and its goals [m]; `to_go` and `route` get a leading goal axis. Pure; jit it."""
     local = build_local_map(depth, mount, intrinsics)
-    unknown = pool_2x2(local.unknown.astype(jnp.float32))
+    unknown = softened(pool_2x2(local.unknown.astype(jnp.float32)))
     cost = traversal_cost(pool_2x2(local.esdf), unknown, rules)
-    routes = jax.vmap(lambda goal: cost_to_go(cost, goal, ROUTE_GRID).value.cost)(goals)
-    return FrameMaps(local.esdf, unknown, routes, local.published)
+    to_go = jax.vmap(lambda goal: cost_to_go(cost, goal, ROUTE_GRID).value.cost)(goals)
+    routes = jax.vmap(lambda goal, values: seen_route(values, unknown, goal))(goals, to_go)
+    return FrameMaps(local.esdf, unknown, to_go, routes, local.published)
+
+
+def seen_route(
+    to_go: Float[Array, "rows columns"], unknown: Float[Array, "rows columns"], goal: Float[Array, " 2"]
+) -> Float[Array, "points 2"]:
+    """The best route from the robot towards a goal, as far as it was seen: evenly spaced points [m] from the origin.
+
+    It ends at the goal, or where the route would enter unseen space, or at the edge of the map.
+
+    Args:
+        to_go: cost-to-go on `ROUTE_GRID`.
+        unknown: degree of being unseen on `ROUTE_GRID`.
+        goal: [m] base frame.
+    """
+    cells = descend(to_go, ROUTE_GRID, jnp.zeros(2), 2 * max(ROUTE_GRID.shape))
+    last = cells[-1]
+    arrived = jnp.sum((last - goal) ** 2) < ROUTE_GRID.resolution**2
+    way = jnp.concatenate([jnp.zeros((1, 2)), cells[1:], jnp.where(arrived, goal, last)[None]])
+    seen = jnp.cumprod(sample_bilinear(unknown, ROUTE_GRID, way, outside="clamp") < 0.5).astype(bool)
+    end = way[jnp.maximum(jnp.sum(seen) - 1, 0)]
+    way = jnp.where(seen[:, None], way, end)
+    # The grid allows sixteen headings; a moving average of half a metre takes its corners off.
+    even = resample_by_arc_length(way, ROUTE_POINTS)
+    for _ in range(_SMOOTHING_PASSES):
+        middle = 0.25 * even[:-2] + 0.5 * even[1:-1] + 0.25 * even[2:]
+        even = jnp.concatenate([even[:1], middle, even[-1:]])
+    return resample_by_arc_length(even, ROUTE_POINTS)
 
 
 def prepare(
@@ -87,6 +129,7 @@ def prepare(
         jnp.asarray(frames.goals, jnp.float32),
         maps.esdf,
         maps.unknown,
+        maps.to_go,
         maps.route,
         maps.published,
     )

@@ -1,0 +1,43 @@
+"""What the commands share: progress bars, clear exits on bad input, and the run-folder conventions."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+console = Console(highlight=False)
+
+
+@contextmanager
+def progress_bar(title: str, total: int) -> Iterator[Callable[[int, str], None]]:
+    """A bar that the block advances by calling the yielded function with (done, note)."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task(title, total=total, note="")
+        yield lambda done, note="": bar.update(task, completed=done, note=note)
+
+
+def say(sentence: str) -> None:
+    """Print a sentence without interpreting brackets as markup."""
+    console.print(sentence, markup=False, soft_wrap=True)
+
+
+def exit_with(error: Exception) -> None:
+    """Leave with the error's sentence and status 1, without a traceback."""
+    print(f"error: {error}", file=sys.stderr)
+    raise SystemExit(1) from error
+
+
+def config_file(run: Path) -> Path:
+    """Where a run's configuration stands."""
+    return run / "config.json"

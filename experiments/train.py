@@ -1,0 +1,133 @@
+"""Train iPath and iStepper end to end: python -m experiments.train [--preset quick|default|paper] [--data FOLDER]."""
+
+from iwalker_jax.runtime import configure_runtime
+
+if __name__ == "__main__":
+    configure_runtime()
+
+import dataclasses
+import json
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from experiments.console import config_file, console, exit_with, progress_bar, say
+from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.evaluation.report import evaluate_all, standard_sequences
+from iwalker_jax.evaluation.tables import legend
+from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.training.config import PRESETS, TrainConfig, config_to_dict
+from iwalker_jax.training.datasets import load_training_frames
+from iwalker_jax.training.loop import Progress, TrainResult, batch_mesh, train
+from iwalker_jax.training.maps import TrainingData, prepare
+from iwalker_jax.training.train_step import planner_from
+
+
+@dataclass(frozen=True)
+class Command:
+    """Train the depth-to-footstep planner and evaluate it.
+
+    Attributes:
+        preset: which configuration the other options start from.
+        data: folder of your own depth recording to train on instead of generated scenes.
+        out: folder for checkpoints, metrics, tables and pictures; an existing run in it is resumed.
+        fresh: start anew even if the folder holds a run (its checkpoints are kept until overwritten).
+        devices: number of devices to spread each batch over.
+        tensorboard: also write TensorBoard events.
+        unseen_scenes: held-out scenes of the final evaluation; 0 leaves them out.
+        config: the training configuration.
+    """
+
+    preset: Literal["default", "quick", "paper"] = "default"
+    data: Path | None = None
+    out: Path = Path("runs/default")
+    fresh: bool = False
+    devices: int = 1
+    tensorboard: bool = False
+    unseen_scenes: int = 60
+    config: Annotated[TrainConfig, tyro.conf.OmitArgPrefixes] = TrainConfig()
+
+
+def parse(arguments: list[str]) -> Command:
+    """The command of the given arguments; `--preset` decides what the other options start from."""
+    preset = "default"
+    for i, argument in enumerate(arguments):
+        if argument.startswith("--preset"):
+            preset = argument.partition("=")[2] or (arguments[i + 1] if i + 1 < len(arguments) else "")
+    if preset not in PRESETS:
+        raise InputError(f"Unknown preset {preset!r}; choose one of {', '.join(PRESETS)}.")
+    default = Command(preset=preset, out=Path("runs") / preset, config=PRESETS[preset]())  # type: ignore[arg-type]
+    command = tyro.cli(Command, args=arguments, default=default, description=Command.__doc__)
+    if command.data is not None:
+        source = dataclasses.replace(command.config.source, folder=command.data)
+        command = dataclasses.replace(command, config=dataclasses.replace(command.config, source=source))
+    return command
+
+
+def prepare_data(config: TrainConfig) -> TrainingData:
+    """Frames of the configured source with their maps, progress shown."""
+    with progress_bar("depth frames", config.source.frames) as show:
+        frames = load_training_frames(config.source, on_progress=lambda done, total: show(done), say=say)
+        show(config.source.frames)
+    with progress_bar("maps", len(frames)) as show:
+        return prepare(frames, Intrinsics(), config.models.traversal, on_progress=show)
+
+
+def run_training(command: Command, data: TrainingData) -> TrainResult:
+    """Train with a progress bar."""
+    config = command.config
+    frames = data.depth.shape[0]
+    with progress_bar("training", config.total_steps(frames)) as show:
+
+        def report(progress: Progress) -> None:
+            losses = progress.losses
+            show(
+                progress.step,
+                f"loss {losses['total']:.3f}  U_path {losses['U_path']:.3f}  U_step {losses['U_step']:.3f}  "
+                f"{progress.frames_per_second:.0f} frames/s",
+            )
+
+        return train(
+            config,
+            data,
+            command.out,
+            resume=not command.fresh,
+            mesh=batch_mesh(command.devices),
+            tensorboard=command.tensorboard,
+            on_progress=report,
+            say=say,
+        )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    began = time.perf_counter()
+    try:
+        command = parse(sys.argv[1:] if arguments is None else arguments)
+        command.out.mkdir(parents=True, exist_ok=True)
+        data = prepare_data(command.config)
+        result = run_training(command, data)
+        if result.interrupted:
+            return 130
+        config_file(command.out).write_text(json.dumps(config_to_dict(command.config), indent=2) + "\n")
+        planner = planner_from(command.config, result.state.params)
+        sequences = standard_sequences(unseen_scenes=command.unseen_scenes, say=say)
+        table = evaluate_all(planner, command.config.models, sequences, command.out / "evaluation", say=say)
+    except (InputError, CheckpointError, FloatingPointError, OSError) as error:
+        exit_with(error)
+    console.print()
+    say(table.text())
+    say(legend())
+    say(f"Pictures and tables are in {command.out / 'evaluation'}.")
+    say(f"All done in {(time.perf_counter() - began) / 60:.1f} minutes.")
+    if result.unsaved is not None:
+        exit_with(CheckpointError(result.unsaved))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,68 @@
+"""The planner: iPath and iStepper chained, depth image to footsteps, as one pure function of its parameters."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Float
+
+from iwalker_jax.geometry.splines import hermite_path
+from iwalker_jax.planning.ipath import IPath, IPathConfig
+from iwalker_jax.planning.istepper import IStepper, IStepperConfig
+from iwalker_jax.planning.robot_state import RobotState, StepGeometry
+
+PATH_POINTS = 100
+"""Points of a path, as published: the unicycle's horizon."""
+
+
+@dataclass(frozen=True)
+class PlannerConfig:
+    """Sizes of both networks and the foot placement they are made for."""
+
+    ipath: IPathConfig = IPathConfig()
+    istepper: IStepperConfig = IStepperConfig()
+    steps: StepGeometry = StepGeometry()
+
+
+class Plan(NamedTuple):
+    """What the planner says for a batch of frames.
+
+    Attributes:
+        path: (batch, 100, 2) [m] base frame, from the origin, uniform in the spline's parameter.
+        waypoints: (batch, k, 2) [m] the spline's knots after the origin.
+        fear: (batch,) logit of the path meeting an obstacle.
+        footsteps: (batch, m, 2) [m] the next footsteps; `footstep_sides` says which are left.
+    """
+
+    path: Float[Array, "batch n 2"]
+    waypoints: Float[Array, "batch k 2"]
+    fear: Float[Array, " batch"]
+    footsteps: Float[Array, "batch m 2"]
+
+
+class Planner(nnx.Module):
+    """iPath followed by iStepper."""
+
+    def __init__(self, config: PlannerConfig, rngs: nnx.Rngs):
+        self.config = config
+        self.ipath = IPath(config.ipath, rngs)
+        self.istepper = IStepper(config.istepper, config.steps, rngs)
+
+    def __call__(self, depth: Float[Array, "batch h w"], goal: Float[Array, "batch 2"], state: RobotState) -> Plan:
+        """Plan for a batch of depth images [m] (0 = no return), goals [m] in base, and robot states."""
+        path, waypoints, fear = self.plan_path(depth, goal)
+        return Plan(path, waypoints, fear, self.istepper(path, state))
+
+    def plan_path(
+        self, depth: Float[Array, "batch h w"], goal: Float[Array, "batch 2"]
+    ) -> tuple[Float[Array, "batch n 2"], Float[Array, "batch k 2"], Float[Array, " batch"]]:
+        """Path [m], waypoints [m] and fear logit: iPath alone, for the faster of the two loops."""
+        waypoints, fear = self.ipath(depth, goal)
+        return waypoints_to_path(waypoints), waypoints, fear
+
+
+def waypoints_to_path(waypoints: Float[Array, "batch k 2"], points: int = PATH_POINTS) -> Float[Array, "batch n 2"]:
+    """Hermite path [m] from the origin through the waypoints [m]."""
+    origin = jnp.zeros_like(waypoints[:, :1])
+    return hermite_path(jnp.concatenate([origin, waypoints], axis=1), points)

@@ -1,0 +1,133 @@
+"""Checkpoints (orbax): parameters, optimiser state, random key, step and configuration, written atomically."""
+
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import orbax.checkpoint as ocp
+
+from iwalker_jax.errors import CheckpointError
+from iwalker_jax.training.config import TrainConfig, config_from_dict, config_to_dict
+from iwalker_jax.training.train_step import TrainState, initial_state, make_optimiser
+
+_LEAVES, _META = "state", "meta"
+
+
+class CheckpointStore:
+    """The checkpoints of one run, in one folder.
+
+    A checkpoint appears under its step number only once it is complete, so an interrupted write leaves the earlier
+    ones intact. Leaves are stored by name: a checkpoint of another network size is refused with the differing names.
+    """
+
+    def __init__(self, folder: Path, keep: int = 2):
+        self.folder = Path(folder).absolute()
+        # Orbax logs every save; what a user must know is said by this class.
+        logging.getLogger("absl").setLevel(logging.ERROR)
+        options = ocp.CheckpointManagerOptions(max_to_keep=keep, create=True, enable_async_checkpointing=False)
+        try:
+            self._manager = ocp.CheckpointManager(self.folder, options=options)
+        except OSError as error:
+            raise CheckpointError(
+                f"Cannot use {self.folder} for checkpoints: {error.strerror}; choose a writable folder."
+            ) from error
+
+    def steps(self) -> list[int]:
+        """Steps of the complete checkpoints, oldest first."""
+        return sorted(self._manager.all_steps())
+
+    def save(self, state: TrainState, config: TrainConfig, frames: int) -> None:
+        """Write a checkpoint of the state; older ones beyond the number to keep are removed afterwards.
+
+        Raises:
+            CheckpointError: if it cannot be written (a full disk, say); the earlier checkpoints stay intact.
+        """
+        step = int(state.step)
+        meta = {"config": config_to_dict(config), "frames": frames, "step": step}
+        arguments = ocp.args.Composite(
+            **{_LEAVES: ocp.args.StandardSave(_named_leaves(state)), _META: ocp.args.JsonSave(meta)}
+        )
+        try:
+            self._manager.save(step, args=arguments, force=True)
+            self._manager.wait_until_finished()
+        except Exception as error:  # orbax and tensorstore raise many kinds; each means "not written"
+            raise CheckpointError(
+                f"Could not write the checkpoint of step {step} in {self.folder} ({_first_line(error)}); earlier "
+                f"checkpoints {self.steps_on_disk()} are intact. Free some space and resume."
+            ) from error
+
+    def steps_on_disk(self) -> list[int]:
+        """Steps of the complete checkpoints as the folder shows them, oldest first."""
+        return sorted(int(entry.name) for entry in self.folder.glob("[0-9]*") if entry.name.isdigit())
+
+    def restore(self, step: int) -> tuple[TrainState, TrainConfig, int]:
+        """State, configuration and number of frames of a checkpoint.
+
+        Raises:
+            CheckpointError: if it is missing, damaged or belongs to another version or network size.
+        """
+        advice = f"delete {self.folder / str(step)} to fall back to an earlier checkpoint"
+        try:
+            meta = json.loads(json.dumps(self._manager.restore(step, args=ocp.args.Composite(
+                **{_META: ocp.args.JsonRestore()}
+            ))[_META]))  # fmt: skip
+            config: TrainConfig = config_from_dict(TrainConfig, meta["config"])
+            frames = int(meta["frames"])
+            optimiser = make_optimiser(config, config.total_steps(frames))
+            template = jax.eval_shape(lambda: initial_state(config, optimiser))
+            wanted = {name: jax.ShapeDtypeStruct(x.shape, x.dtype) for name, x in _named_leaves(template).items()}
+            restored = self._manager.restore(
+                step, args=ocp.args.Composite(**{_LEAVES: ocp.args.StandardRestore(wanted)})
+            )[_LEAVES]
+            leaves = [restored[name] for name in wanted]
+        except Exception as error:
+            raise CheckpointError(
+                f"Checkpoint {step} in {self.folder} cannot be read ({_first_line(error)}); {advice}."
+            ) from error
+        if not all(np.isfinite(leaf).all() for leaf in leaves if np.issubdtype(leaf.dtype, np.floating)):
+            raise CheckpointError(f"Checkpoint {step} in {self.folder} holds values that are not finite; {advice}.")
+        return jax.tree.unflatten(jax.tree.structure(template), leaves), config, frames
+
+    def restore_latest(self, on_damage=lambda sentence: None) -> tuple[TrainState, TrainConfig, int] | None:
+        """The newest readable checkpoint, or None if there is none at all; `on_damage` hears of each unreadable one.
+
+        Raises:
+            CheckpointError: if there are checkpoints and none can be read.
+        """
+        last_error: CheckpointError | None = None
+        for step in reversed(self.steps()):
+            try:
+                return self.restore(step)
+            except CheckpointError as error:
+                last_error = error
+                on_damage(str(error))
+        if last_error is not None:
+            raise last_error
+        return None
+
+    def delete_after(self, step: int) -> None:
+        """Remove the checkpoints newer than a step (damaged ones that a resumed run will write again)."""
+        for other in self.steps():
+            if other > step:
+                self._manager.delete(other)
+
+    def close(self) -> None:
+        """Release orbax's threads."""
+        self._manager.close()
+
+
+def _named_leaves(state: TrainState) -> dict[str, Any]:
+    """Leaves of a state by their path; orbax needs plain containers, and names make damage reports readable."""
+    return {_name(path): leaf for path, leaf in jax.tree_util.tree_flatten_with_path(state)[0]}
+
+
+def _name(path: tuple) -> str:
+    return jax.tree_util.keystr(path, simple=True, separator="_")
+
+
+def _first_line(error: Exception) -> str:
+    text = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {text[0][:160]}" if text else type(error).__name__

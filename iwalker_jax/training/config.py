@@ -1,0 +1,149 @@
+"""Training configuration: one frozen dataclass, saved with every checkpoint, and its presets."""
+
+import dataclasses
+import typing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.optimization.solution import GradientMode
+from iwalker_jax.planning.ipath import IPathConfig
+from iwalker_jax.planning.planner import PlannerConfig
+from iwalker_jax.training.losses import LossWeights, PlannerModels
+
+Method = Literal["iwalker", "iplanner", "finetuned"]
+"""iwalker: both bilevel losses. iplanner: heuristic path losses, iStepper trained on top. finetuned: iplanner's
+weights trained further with U_path's tracking term alone, iStepper on top."""
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """What to train on.
+
+    Attributes:
+        folder: a recording of your own; None generates synthetic scenes.
+        frames: number of synthetic frames; the paper has 1185.
+        seed: of layouts, walks and noise.
+    """
+
+    folder: Path | None = None
+    frames: int = 1185
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Everything that determines a training run.
+
+    Attributes:
+        method: what teaches iPath; see `Method`.
+        source: frames to train on.
+        planner: network sizes.
+        models: lower-level models and costs.
+        weights: of the losses.
+        gradient: how both MPCs are differentiated.
+        batch_size: frames a step; the paper uses 1.
+        epochs: passes through the frames.
+        learning_rate: peak of Adam's schedule (linear warm-up, cosine decay).
+        final_learning_rate: share of the peak left at the end.
+        clip: largest global gradient norm.
+        mirror: exchange left and right in every second frame.
+        seed: of initialisation, order and augmentation.
+        checkpoint_every: steps between checkpoints; an interruption loses at most these.
+        keep_checkpoints: how many of the latest stay on disk.
+    """
+
+    method: Method = "iwalker"
+    source: DataConfig = DataConfig()
+    planner: PlannerConfig = PlannerConfig()
+    models: PlannerModels = PlannerModels()
+    weights: LossWeights = LossWeights()
+    gradient: GradientMode = "implicit"
+    batch_size: int = 16
+    epochs: int = 60
+    learning_rate: float = 1e-3
+    final_learning_rate: float = 0.02
+    clip: float = 10.0
+    mirror: bool = True
+    seed: int = 0
+    checkpoint_every: int = 200
+    keep_checkpoints: int = 2
+
+    def __post_init__(self) -> None:
+        if self.method not in typing.get_args(Method):
+            raise InputError(f"Unknown method {self.method!r}; choose one of {', '.join(typing.get_args(Method))}.")
+        if min(self.batch_size, self.epochs, self.checkpoint_every, self.keep_checkpoints) < 1:
+            raise InputError("batch_size, epochs, checkpoint_every and keep_checkpoints must be at least 1.")
+        if not (self.learning_rate > 0 and 0 <= self.final_learning_rate <= 1 and self.clip > 0):
+            raise InputError("Learning rate and clip must be positive, final_learning_rate a share in [0, 1].")
+        if self.planner.steps != self.models.steps:
+            raise InputError("planner.steps and models.steps differ; the networks and the losses must agree on them.")
+
+    def total_steps(self, frames: int) -> int:
+        """Number of optimiser steps for a data set of this many frames."""
+        return self.epochs * max(1, frames // self.batch_size)
+
+
+def paper_preset() -> TrainConfig:
+    """The published set-up: full-width network, last waypoint = goal, batch 1, the paper's losses, no decay."""
+    return TrainConfig(
+        planner=PlannerConfig(ipath=IPathConfig(variant="paper", trunk_width=64, goal_is_end=True)),
+        weights=LossWeights(
+            tracking=40.0,
+            route=0.0,
+            regret=0.0,
+            progress=0.0,
+            clearance=0.0,
+            step_collision=0.0,
+            published_collision=0.02,
+        ),
+        gradient="stopped",
+        batch_size=1,
+        epochs=30,
+        learning_rate=1e-4,
+        final_learning_rate=1.0,
+    )
+
+
+def quick_preset() -> TrainConfig:
+    """A run of about a minute that shows every stage; its planner is not worth using."""
+    return TrainConfig(source=DataConfig(frames=120), epochs=4, checkpoint_every=20)
+
+
+PRESETS = {"default": TrainConfig, "paper": paper_preset, "quick": quick_preset}
+
+
+def config_to_dict(config: Any) -> dict[str, Any]:
+    """Plain nested dictionary of a configuration dataclass, ready for JSON."""
+    return dataclasses.asdict(config, dict_factory=lambda items: {k: _plain(v) for k, v in items})
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, Path) else value
+
+
+def config_from_dict(kind: type, values: dict[str, Any]) -> Any:
+    """The configuration dataclass that `config_to_dict` came from.
+
+    Raises:
+        InputError: for unknown fields, as a configuration written by another version has.
+    """
+    hints = typing.get_type_hints(kind)
+    known = {f.name for f in dataclasses.fields(kind)}
+    unknown = set(values) - known
+    if unknown:
+        raise InputError(
+            f"{kind.__name__} has no field {', '.join(sorted(unknown))}; the configuration was written by another "
+            "version of iwalker_jax."
+        )
+    built = {}
+    for name, value in values.items():
+        hint = hints[name]
+        if dataclasses.is_dataclass(hint) and isinstance(value, dict):
+            built[name] = config_from_dict(hint, value)
+        elif Path in typing.get_args(hint) and value is not None:
+            built[name] = Path(value)
+        else:
+            built[name] = value
+    return kind(**built)

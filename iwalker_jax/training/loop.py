@@ -1,0 +1,182 @@
+"""The training loop: resumes, reports progress, checkpoints, and survives Ctrl-C, full disks and broken batches."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
+
+from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.training.batches import frame_order
+from iwalker_jax.training.checkpoints import CheckpointStore
+from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training.maps import TrainingData
+from iwalker_jax.training.run_log import MetricsLog, save_broken_batch
+from iwalker_jax.training.train_step import StepReport, TrainState, initial_state, make_optimiser, make_train_step
+
+MAX_BROKEN_STEPS = 10
+"""Consecutive steps without a finite gradient after which a run gives up."""
+
+
+@dataclass
+class Progress:
+    """What a progress display needs after each step."""
+
+    step: int
+    total: int
+    losses: dict[str, float]
+    frames_per_second: float
+
+
+@dataclass
+class TrainResult:
+    """How a run ended: its state, whether it was interrupted, and what could not be saved (None if all was)."""
+
+    state: TrainState
+    interrupted: bool
+    unsaved: str | None
+
+
+def batch_mesh(devices: int | None = None) -> Mesh | None:
+    """Mesh over the first `devices` devices (all by default) for data parallelism; None for a single one.
+
+    Raises:
+        InputError: if fewer devices are present.
+    """
+    present = jax.devices()
+    count = len(present) if devices is None else devices
+    if not 1 <= count <= len(present):
+        raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.devices().")
+    return None if count == 1 else Mesh(np.array(present[:count]), ("batch",))
+
+
+def train(
+    config: TrainConfig,
+    data: TrainingData,
+    folder: Path,
+    *,
+    resume: bool = True,
+    start_from: Any = None,
+    mesh: Mesh | None = None,
+    tensorboard: bool = False,
+    stop_after: int | None = None,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+    say: Callable[[str], None] = print,
+) -> TrainResult:
+    """Train a planner; checkpoints and metrics go to `folder`.
+
+    Args:
+        config: of the run. A resumed run must have the configuration it began with.
+        data: frames and maps.
+        folder: of the run.
+        resume: continue from the newest readable checkpoint in the folder, if there is one.
+        start_from: parameters to start from instead of a fresh initialisation (fine-tuning).
+        mesh: devices for data parallelism, see `batch_mesh`.
+        tensorboard: also write TensorBoard events.
+        stop_after: stop after this many steps of the schedule, as if interrupted.
+        on_progress: hears of every step.
+        say: hears the sentences a user must read.
+
+    Raises:
+        CheckpointError: if the folder's checkpoints cannot be read, or belong to another configuration.
+        FloatingPointError: after `MAX_BROKEN_STEPS` consecutive steps without a finite gradient.
+    """
+    frames = data.depth.shape[0]
+    total = config.total_steps(frames)
+    optimiser = make_optimiser(config, total)
+    store = CheckpointStore(folder / "checkpoints", config.keep_checkpoints)
+    state = _restored(store, config, frames, say) if resume else None
+    if state is None:
+        state = initial_state(config, optimiser)
+        if start_from is not None:
+            state = state._replace(params=start_from, opt_state=optimiser.init(start_from))
+    elif int(state.step) < total:
+        say(f"Resuming at step {int(state.step)} of {total}.")
+    # The step donates its state: never hand it the caller's own arrays.
+    state = jax.tree.map(jnp.array, state)
+    first = int(state.step)
+    log = MetricsLog(folder, first, tensorboard)
+    step_function = make_train_step(config, optimiser, mesh)
+    last = min(total, total if stop_after is None else stop_after)
+    interrupted, unsaved, broken = False, None, 0
+    done = first
+    saved = first if first in store.steps() else -1
+    clock = time.perf_counter()
+    try:
+        for step in range(first, last):
+            index = frame_order(config.seed, frames, config.batch_size, step)
+            state, report = step_function(state, data, jnp.asarray(index))
+            losses = _as_floats(report)
+            done = step + 1
+            if report.finite:
+                broken = 0
+            else:
+                broken += 1
+                file = save_broken_batch(folder, step, index, losses, state)
+                say(f"Step {step} gave a loss or gradient that is not finite; it was skipped and kept in {file}.")
+                if broken >= MAX_BROKEN_STEPS:
+                    raise FloatingPointError(
+                        f"{broken} steps in a row were not finite; lower the learning rate or inspect {file}."
+                    )
+            now = time.perf_counter()
+            speed = config.batch_size / max(now - clock, 1e-9)
+            clock = now
+            log.write(step, losses | {"frames_per_second": speed})
+            on_progress(Progress(done, total, losses, speed))
+            if done % config.checkpoint_every == 0 or done == total:
+                unsaved = _save(store, state, config, frames, say)
+                saved = done if unsaved is None else saved
+                clock = time.perf_counter()
+    except KeyboardInterrupt:
+        interrupted = True
+    finally:
+        log.close()
+    # A step that Ctrl-C cut short has donated its state; only a state that is still there can be saved.
+    alive = not any(leaf.is_deleted() for leaf in jax.tree.leaves(state))
+    if alive and saved != int(state.step):
+        unsaved = _save(store, state, config, frames, say)
+    if interrupted:
+        say(f"Interrupted after step {done}; the same command resumes from checkpoint {store.steps()[-1:]}.")
+    store.close()
+    return TrainResult(state, interrupted, unsaved)
+
+
+def _restored(
+    store: CheckpointStore, config: TrainConfig, frames: int, say: Callable[[str], None]
+) -> TrainState | None:
+    found = store.restore_latest(on_damage=say)
+    if found is None:
+        return None
+    state, saved_config, saved_frames = found
+    store.delete_after(int(state.step))
+    if saved_config != config or saved_frames != frames:
+        raise CheckpointError(
+            f"{store.folder} holds a run with another configuration or data set; choose another output folder, or "
+            "delete this one to start afresh."
+        )
+    return state
+
+
+def _save(
+    store: CheckpointStore, state: TrainState, config: TrainConfig, frames: int, say: Callable[[str], None]
+) -> str | None:
+    """Save; a failure is said and training goes on, because the next attempt may succeed."""
+    try:
+        store.save(state, config, frames)
+    except CheckpointError as error:
+        say(str(error))
+        return str(error)
+    return None
+
+
+def _as_floats(report: StepReport) -> dict[str, float]:
+    values = jax.device_get(report)
+    return {name: float(value) for name, value in values.losses.items()} | {
+        "gradient_norm": float(values.gradient_norm),
+        "converged": float(values.converged),
+    }
