@@ -79,7 +79,7 @@ def cost_to_go(
         )
     free = (traversal_cost > 0) & (traversal_cost < UNREACHABLE)
     cost = jnp.where(free, traversal_cost, jnp.inf)
-    seed, goal, offset = _seed(cost, free, goal_xy, grid)
+    seed, goal, offset = _seed(cost, free, goal_xy.astype(cost.dtype), grid)
 
     values, decrease, rounds = _relaxation(grid.resolution, max_rounds)(seed, cost)
 

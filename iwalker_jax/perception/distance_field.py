@@ -15,8 +15,13 @@ from jax import lax
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Int
 
+from iwalker_jax.errors import InputError
+
 _TRIALS = 16
 """Columns k that one loop step tries in one fused operation: enough to hide the step's own cost and memory traffic."""
+
+_MAX_CELLS = 16_000
+"""Largest rows + columns for which distances fit 16 bits and four times their squares 32 bits."""
 
 
 def distance_transform(occupied: Bool[Array, "rows columns"], resolution: float) -> Float[Array, "rows columns"]:
@@ -28,6 +33,9 @@ def distance_transform(occupied: Bool[Array, "rows columns"], resolution: float)
 
     Returns:
         Distances [m]; the grid's diagonal, `grid_diagonal`, everywhere if no cell is occupied.
+
+    Raises:
+        InputError: if rows + columns exceeds 16000.
     """
     squared = jnp.where(occupied, 0, _squared_distance_to_other_class(occupied))
     return _metres(squared, resolution)
@@ -46,6 +54,9 @@ def signed_distance_field(occupied: Bool[Array, "rows columns"], resolution: flo
 
     Returns:
         Distances [m]; plus or minus the grid's diagonal, `grid_diagonal`, if all cells are free or all are occupied.
+
+    Raises:
+        InputError: if rows + columns exceeds 16000.
     """
     squared = _squared_distance_to_other_class(occupied)
     to_face = jnp.where(squared < _far(squared.shape), 0.5 * resolution, 0.0)
@@ -78,6 +89,11 @@ def _squared_distance_to_other_class(occupied: Bool[Array, "rows columns"]) -> I
     where obstacles are many), and the useful columns one by one (soon over where obstacles are few).
     """
     rows, columns = occupied.shape
+    if rows + columns > _MAX_CELLS:
+        raise InputError(
+            f"A map of {rows} x {columns} cells is too large for exact integer distances; "
+            f"rows + columns may be at most {_MAX_CELLS}: split or coarsen the map."
+        )
     far = _far(occupied.shape)
 
     def squared(distance: Int[Array, "a b"]) -> Int[Array, "a b"]:
@@ -147,9 +163,9 @@ def _try_columns(
 
 
 def _distance_to_other_class_above_or_below(occupied: Bool[Array, "rows columns"]) -> Int[Array, "rows columns"]:
-    """Distance [cells] along each column to the nearest cell of the other class; > 2 x (rows + columns) if none."""
+    """Distance [cells] along each column to the nearest cell of the other class; more than rows + columns if none."""
     rows, columns = occupied.shape
-    none = jnp.full(columns, 3 * (rows + columns), jnp.int16)
+    none = jnp.full(columns, rows + columns + 1, jnp.int16)
     border = occupied[1:] != occupied[:-1]
     no_border = jnp.zeros((1, columns), bool)
     beside_border = jnp.concatenate([no_border, border]) | jnp.concatenate([border, no_border])

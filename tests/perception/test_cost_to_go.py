@@ -202,6 +202,25 @@ def test_the_route_reaches_the_goal_and_enters_no_blocked_cell(cost):
         assert length * np.min(cost) <= solution.value.cost[tuple(start)] * 1.3 + 1e-4
 
 
+def test_a_batch_of_routes_equals_a_loop():
+    """Oracle: the same starts one by one."""
+    cost = SOLVE(jnp.asarray(spiral_cost()), centre((0, 11)), GRID, 64).value.cost
+    starts = GRID.centres()[jnp.asarray([29, 17, 5]), jnp.asarray([3, 20, 11])]
+    batch = jax.jit(jax.vmap(lambda s: descend(cost, GRID, s, 60)))(starts)
+    for start, route in zip(starts, batch):
+        np.testing.assert_allclose(route, DESCEND(cost, GRID, start, 60), atol=1e-6)
+
+
+def test_double_precision_maps_are_solved_in_double_precision(x64):
+    """Oracle: scipy.sparse.csgraph.dijkstra, to what float32 cannot reach."""
+    cost = random_cost(0, 0.2).astype(np.float64)
+    goal = tuple(np.argwhere(np.isfinite(cost))[50])
+    solution = cost_to_go(jnp.asarray(cost), jnp.asarray(GRID.centres()[goal], jnp.float64), GRID)
+    expected = dijkstra_costs(cost, goal, GRID.resolution)
+    assert solution.value.cost.dtype == jnp.float64
+    np.testing.assert_allclose(solution.value.cost, np.where(np.isfinite(expected), expected, UNREACHABLE), rtol=1e-12)
+
+
 def test_a_route_from_a_blocked_start_begins_at_the_nearest_reachable_cell():
     """Oracle: by construction; where nothing is reachable, the route stays at the start's cell."""
     cost = np.ones(GRID.shape, np.float32)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
+from iwalker_jax.errors import InputError
 from iwalker_jax.perception.distance_field import distance_transform, grid_diagonal, signed_distance_field
 from iwalker_jax.perception.grid import GridSpec
 from iwalker_jax.perception.map_sampling import sample_bilinear
@@ -145,6 +146,14 @@ def test_a_batch_equals_a_loop_and_nested_batches_work():
     np.testing.assert_allclose(batch(maps), single_maps, atol=1e-6)
     nested = jax.jit(jax.vmap(jax.vmap(lambda m: signed_distance_field(m, RESOLUTION))))
     np.testing.assert_allclose(nested(maps.reshape(2, 2, *SHAPE)), single_maps.reshape(2, 2, *SHAPE), atol=1e-6)
+
+
+def test_maps_too_large_for_exact_integers_are_refused():
+    """Oracle: the error sentence, and SciPy just within the limit along one axis."""
+    with pytest.raises(InputError, match="16000"):
+        jax.eval_shape(lambda m: signed_distance_field(m, RESOLUTION), jax.ShapeDtypeStruct((8001, 8000), bool))
+    occupied = single((15_990, 3), (15_989, 2))
+    np.testing.assert_allclose(SIGNED(jnp.asarray(occupied), RESOLUTION), scipy_signed(occupied), rtol=1e-6)
 
 
 def test_gradients_flow_past_the_field():
