@@ -34,6 +34,27 @@ class StepQp(NamedTuple):
         return float(z @ self.hessian @ z / 2 + self.linear @ z + self.constant)
 
 
+def irregular_walk(
+    horizon: int, seed: int = 0, noise: float = 0.02, kick: float = 0.02, turn: float = 0.1, speed: float = 0.08
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Footsteps (N, 2) along an arc, right foot first, a state (2, 3) on the left foot, and headings (N,).
+
+    Args:
+        noise: standard deviation of the footsteps [m].
+        kick: standard deviation of the state about a regular gait's [m, m, m/s].
+        turn: heading change [rad] a step.
+        speed: mean step [m].
+    """
+    rng = np.random.default_rng(seed)
+    headings = turn * np.arange(1, horizon + 1)
+    centre = np.cumsum(speed * np.stack([np.cos(headings), np.sin(headings)], 1), axis=0)
+    side = np.where(np.arange(horizon) % 2 == 0, -0.045, 0.045)[:, None]
+    left = np.stack([-np.sin(headings), np.cos(headings)], 1)
+    footsteps = centre + side * left + rng.normal(0, noise, (horizon, 2))
+    state = np.array([[0.04, 0.04, 0.35], [0.01, -0.035, -0.15]]) + rng.normal(0, kick, (2, 3))
+    return footsteps, state, headings
+
+
 def step_map(parameters: HlipParameters) -> tuple[np.ndarray, np.ndarray]:
     """A and B of eq. 9 by NumPy alone."""
     rate = np.sqrt(parameters.gravity / parameters.com_height)

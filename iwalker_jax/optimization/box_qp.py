@@ -66,8 +66,8 @@ def bound_solver(
 
 
 def find_active_set(
-    inverse: Float[Array, "m m"],
     relaxed: Callable[[Int[Array, ""]], Float[Array, "m m"]],
+    inverse: Float[Array, "m m"],
     free: Float[Array, "m"],
     low: Float[Array, "m"],
     high: Float[Array, "m"],
@@ -75,8 +75,8 @@ def find_active_set(
     """Search the active set of the optimum.
 
     Args:
-        inverse: S.
         relaxed: rho (R H R' + rho I)^-1, of ADMM's own quadratic problem, for an index into PENALTIES.
+        inverse: S.
         free: w*.
     """
     eps = jnp.finfo(free.dtype).eps

@@ -1,5 +1,8 @@
 """H-LIP step MPC in closed form: the steps nearest to wanted ones that keep the pendulum walking (eq. 11)."""
 
+from collections.abc import Callable
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -27,19 +30,24 @@ from iwalker_jax.optimization.step_riccati import (
 )
 
 
-def solve_kkt(cost: StepCost, pole: Float[Array, ""], rows: Kkt, gradient: GradientMode) -> Kkt:
-    """Solution of the KKT system, differentiated through the system (`implicit`) or through the recursions."""
-    horizon = rows[1].shape[0]
+def kkt_solver(cost: StepCost, pole: Float[Array, ""], horizon: int, gradient: GradientMode) -> Callable[[Kkt], Kkt]:
+    """Factorise once; the result solves for any right-hand side and is differentiated through the system
+    (`implicit`) or through the recursions.
+    """
     if gradient != "implicit":
-        return solve_factored(factorise(cost, pole, horizon), rows)
+        return partial(solve_factored, factorise(cost, pole, horizon))
     factor = factorise(*jax.lax.stop_gradient((cost, pole)), horizon)
-    packed = jax.lax.custom_linear_solve(
-        lambda x: pack(apply_kkt(cost, pole, unpack(x))),
-        pack(rows),
-        lambda _, b: pack(solve_factored(factor, unpack(b))),
-        symmetric=True,
-    )
-    return unpack(packed)
+
+    def respond(rows: Kkt) -> Kkt:
+        packed = jax.lax.custom_linear_solve(
+            lambda x: pack(apply_kkt(cost, pole, unpack(x))),
+            pack(rows),
+            lambda _, b: pack(solve_factored(factor, unpack(b))),
+            symmetric=True,
+        )
+        return unpack(packed)
+
+    return respond
 
 
 def solve_step_mpc(
@@ -76,7 +84,7 @@ def solve_step_mpc(
     form = modes(parameters)
     cost = modal_cost(form, weights)
     steps, gait, rows = tracking_problem(form, cost, footsteps, initial_state)
-    point = solve_kkt(cost, form.pole, rows, gradient)
+    point = kkt_solver(cost, form.pole, footsteps.shape[0], gradient)(rows)
     residual = jax.lax.stop_gradient(kkt_residual(cost, form.pole, point, rows))
     plan = as_plan(form, cost, footsteps, steps, gait, *point[:2])
     converged = residual <= jnp.sqrt(jnp.finfo(residual.dtype).eps)

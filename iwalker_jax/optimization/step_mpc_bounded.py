@@ -8,7 +8,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.box_qp import PENALTIES, bound_solver, find_active_set
 from iwalker_jax.optimization.hlip import HlipParameters, Modes, divergent_component, field_values, modes
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
-from iwalker_jax.optimization.step_mpc import solve_kkt
+from iwalker_jax.optimization.step_mpc import kkt_solver
 from iwalker_jax.optimization.step_problem import (
     StepMpcWeights,
     as_plan,
@@ -82,28 +82,25 @@ def solve_bounded_step_mpc(
     excess, caught = catch(parameters, form.pole, axes, low, high, initial_state)
     steps, gait, rows = tracking_problem(form, cost, footsteps, caught)
     none = jnp.zeros((horizon, 3, horizon), dtype)
+    respond_kkt = kkt_solver(cost, form.pole, horizon, gradient)
     probe = (none, jnp.eye(horizon, dtype=dtype), none)
 
     def pushed(forces: Float[Array, "n 2"]) -> tuple[Kkt, Kkt, Float[Array, "m"]]:
         push = (rows[0], rows[1] - jnp.einsum("kij,ki->kj", axes, forces), rows[2])
-        point = solve_kkt(cost, form.pole, push, gradient)
+        point = respond_kkt(push)
         return push, point, jnp.einsum("kij,kj->ki", axes, steps + point[1]).ravel()
-
-    def turned(matrix: Float[Array, "n n"]) -> Float[Array, "m m"]:
-        blocks = jnp.einsum("kij,lmj,kl->kilm", axes, axes, matrix)
-        return blocks.reshape(2 * horizon, 2 * horizon)
 
     def damped(penalty: Float[Array, ""]) -> Float[Array, "n n"]:
         heavier = cost._replace(effort=cost.effort + penalty)
-        return penalty * solve_kkt(heavier, form.pole, probe, "unrolled")[1]
+        return penalty * kkt_solver(heavier, form.pole, horizon, "unrolled")(probe)[1]
 
-    compliance = solve_kkt(cost, form.pole, probe, gradient)[1]
-    inverse, scale = turned(compliance), jnp.mean(jnp.diagonal(compliance))
+    compliance = respond_kkt(probe)[1]
+    inverse, scale = turn_blocks(axes, compliance), jnp.mean(jnp.diagonal(compliance))
     operators = jax.vmap(damped)(_PENALTY * jnp.asarray(PENALTIES, dtype) / scale)
     box = (low.ravel(), high.ravel())
     start = pushed(jnp.zeros_like(footsteps))
-    frozen = jax.lax.stop_gradient((inverse, operators, start[2], *box))
-    found = find_active_set(frozen[0], lambda i: turned(frozen[1][i]), *frozen[2:])
+    frozen = jax.lax.stop_gradient((axes, operators, inverse, start[2], *box))
+    found = find_active_set(lambda i: turn_blocks(frozen[0], frozen[1][i]), *frozen[2:])
     respond = bound_solver(inverse, found.sides)
     bound = jnp.where(found.sides > 0, box[1], box[0])
 
@@ -129,6 +126,12 @@ def solve_bounded_step_mpc(
     point = jax.tree.map(lambda a, b: jnp.where(converged, a, b), point[:2], safe)
     plan = as_plan(form, cost, footsteps, steps, gait, *point)
     return conclude(plan, residual, usable, status, found.rounds)
+
+
+def turn_blocks(axes: Float[Array, "n 2 2"], matrix: Float[Array, "n n"]) -> Float[Array, "m m"]:
+    """A matrix that acts on both planes alike, in heading frames."""
+    blocks = jnp.einsum("kij,lmj,kl->kilm", axes, axes, matrix)
+    return blocks.reshape(2 * matrix.shape[0], 2 * matrix.shape[0])
 
 
 def hold_steps(

@@ -11,7 +11,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy import sparse
 
-from benchmarks.step_qp import build_step_qp, step_map
+from benchmarks.step_qp import build_step_qp, irregular_walk, step_map
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.hlip import HlipParameters, divergent_component, orbit_p2
 from iwalker_jax.optimization.solution import Status
@@ -24,16 +24,9 @@ WEIGHTS = [StepMpcWeights(), StepMpcWeights(100.0, 3.0, 5.0, 1.0, 10.0)]
 solve = jax.jit(solve_step_mpc, static_argnames="gradient")
 
 
-def walk(horizon, seed=0, noise=0.02, turn=0.1):
-    """Irregular footsteps along an arc, right foot first, and a disturbed initial state on the left foot."""
-    rng = np.random.default_rng(seed)
-    heading = turn * np.arange(1, horizon + 1)
-    centre = np.cumsum(0.08 * np.stack([np.cos(heading), np.sin(heading)], 1), axis=0)
-    side = np.where(np.arange(horizon) % 2 == 0, -0.045, 0.045)[:, None]
-    left = np.stack([-np.sin(heading), np.cos(heading)], 1)
-    footsteps = centre + side * left + rng.normal(0, noise, (horizon, 2))
-    state = np.array([[0.04, 0.04, 0.35], [0.01, -0.035, -0.15]]) + rng.normal(0, noise, (2, 3))
-    return footsteps, state
+def walk(horizon, seed=0, noise=0.02):
+    """Irregular footsteps along an arc, and a disturbed state on the left foot."""
+    return irregular_walk(horizon, seed, noise, noise)[:2]
 
 
 def dense_solution(footsteps, state, parameters, weights):

@@ -1,0 +1,54 @@
+"""Step bounds and catchable states against linear programs and hand-worked cases."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.optimization.step_reach import StepReach, capture_margin, heading_axes, step_bounds
+
+
+def test_bounds_by_hand():
+    """Oracle: by hand. On the left foot the right foot moves next, to the right, which is negative y."""
+    low, high = step_bounds(StepReach(0.2, 0.04, 0.15), jnp.asarray(1.0), 3)
+    np.testing.assert_allclose(low, [[-0.2, -0.15], [-0.2, 0.04], [-0.2, -0.15]], rtol=1e-6)
+    np.testing.assert_allclose(high, [[0.2, -0.04], [0.2, 0.15], [0.2, -0.04]], rtol=1e-6)
+    other_low, other_high = step_bounds(StepReach(0.2, 0.04, 0.15), jnp.asarray(-1.0), 3)
+    np.testing.assert_allclose(other_low[:, 1], -high[:, 1])
+    np.testing.assert_allclose(other_high[:, 1], -low[:, 1])
+    np.testing.assert_allclose(heading_axes(jnp.asarray([np.pi / 2])), [[[0, 1], [-1, 0]]], atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_capture_margin_equals_linear_program(x64, seed):
+    """Oracle: scipy.optimize.linprog stretches the divergent component until no 60 reachable steps catch it."""
+    rng = np.random.default_rng(seed)
+    pole, horizon, total = rng.uniform(1.5, 4.0), 5, 60
+    headings = np.cumsum(rng.normal(0, 0.4, horizon))
+    low, high = step_bounds(StepReach(0.2, 0.04, 0.2), jnp.asarray(1.0), total)
+    axes = heading_axes(jnp.asarray(headings))
+    direction = rng.normal(size=2) * 0.1
+    ratio, centre = capture_margin(jnp.asarray(pole), axes, low[:horizon], high[:horizon], jnp.asarray(direction))
+    turned = np.asarray(heading_axes(jnp.asarray(np.concatenate([headings, np.full(total - horizon, headings[-1])]))))
+    columns = np.concatenate([pole**-k * turned[k].T for k in range(total)], axis=1)
+    ray = direction - np.asarray(centre)
+    bounds = [*zip(np.ravel(low), np.ravel(high)), (0, None)]
+    result = linprog(
+        np.append(np.zeros(2 * total), -1.0), A_eq=np.column_stack([columns, -ray]), b_eq=centre, bounds=bounds
+    )
+    np.testing.assert_allclose(ratio, 1 / result.x[-1], rtol=1e-6)
+
+
+def test_empty_bounds_catch_nothing():
+    """Property: crossed bounds leave an infinite ratio, not NaN."""
+    low, high = jnp.ones((2, 2)), -jnp.ones((2, 2))
+    axes = heading_axes(jnp.zeros(2))
+    assert capture_margin(jnp.asarray(2.0), axes, low, high, jnp.zeros(2))[0] == jnp.inf
+
+
+@pytest.mark.parametrize(("fields", "match"), [({"sagittal": -1.0}, "sagittal"), ({"lateral_min": 0.3}, "below")])
+def test_bad_reach_is_refused(fields, match):
+    """The message names the field."""
+    with pytest.raises(InputError, match=match):
+        StepReach(**fields)
