@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics, camera_pose
+from iwalker_jax.perception.depth_cleanup import check_image_size
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID, GridSpec
 
 
@@ -77,7 +78,11 @@ def point_planes(depth: Float[Array, "height width"], mount: Float[Array, " 5"],
         depth: z-depth [m], 0 = no return (`clean_depth`).
         mount: [height, pitch, roll, forward, left] as in `CameraMount`.
         intrinsics: of this image size.
+
+    Raises:
+        InputError: if the image has another size.
     """
+    check_image_size(depth.shape, intrinsics)
     R, p = camera_pose(mount.astype(depth.dtype))
     right = ((jnp.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx).astype(depth.dtype)
     down = ((jnp.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy).astype(depth.dtype)[:, None]

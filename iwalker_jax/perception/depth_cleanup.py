@@ -61,6 +61,19 @@ def check_depth_image(image: np.ndarray) -> None:
         )
 
 
+def check_image_size(shape: tuple[int, ...], intrinsics: Intrinsics) -> None:
+    """Refuse a depth array whose shape is not the one its intrinsics name; free under jit, where shapes are static.
+
+    Raises:
+        InputError: naming both sizes.
+    """
+    if shape != (intrinsics.height, intrinsics.width):
+        raise InputError(
+            f"The depth image has shape {shape} but its intrinsics are for {intrinsics.height} rows and "
+            f"{intrinsics.width} columns; give the intrinsics of this resolution, and use jax.vmap for batches."
+        )
+
+
 def clean_depth(
     depth: Float[Array, "height width"],
     max_range: float = MAX_RANGE,
@@ -76,7 +89,15 @@ def clean_depth(
         depth: z-depth [m]; 0, negative, NaN and inf mean no return.
         max_range: [m] farther returns are dropped.
         min_agreeing: number of neighbours that must agree; 0 keeps speckles.
+
+    Raises:
+        InputError: if the image is not a 2-D array of floating-point metres.
     """
+    if depth.ndim != 2 or not jnp.issubdtype(depth.dtype, jnp.floating):
+        raise InputError(
+            f"A depth image must be a (height, width) array of floating-point metres, got shape {depth.shape} and type "
+            f"{depth.dtype}; use jax.vmap for batches and depth_from_uint16 for raw sensor units."
+        )
     depth = depth.astype(jnp.float32)
     valid = (depth > 0.0) & (depth <= max_range)
     depth = jnp.where(valid, depth, 0.0)
@@ -108,11 +129,7 @@ def resize_depth(
     Raises:
         InputError: if the image's shape is not the one its intrinsics name.
     """
-    if depth.shape != (intrinsics_from.height, intrinsics_from.width):
-        raise InputError(
-            f"The depth image is {depth.shape[1]} x {depth.shape[0]} px but its intrinsics are for "
-            f"{intrinsics_from.width} x {intrinsics_from.height} px; give the intrinsics of this resolution."
-        )
+    check_image_size(depth.shape, intrinsics_from)
     columns = _nearest_source(
         intrinsics_to.width, intrinsics_to.cx, intrinsics_to.fx, intrinsics_from.cx, intrinsics_from.fx
     )

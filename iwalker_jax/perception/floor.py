@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception.depth_cleanup import check_image_size
 
 _HYPOTHESES = 256  # at 20 % floor among the pixels drawn from, still two all-floor triples
 _REWEIGHTINGS = 10
@@ -90,7 +91,11 @@ def fit_floor(
         depth: z-depth [m], 0 = no return (`clean_depth`).
         intrinsics: of this image size.
         rules: which planes can be the floor.
+
+    Raises:
+        InputError: if the image has another size than its intrinsics.
     """
+    check_image_size(depth.shape, intrinsics)
     rays, inverse = _scoring_pixels(depth, intrinsics, rules)
     usable = inverse > 0.0
     planes = _proposals(depth, intrinsics)

@@ -17,7 +17,7 @@ from iwalker_jax.perception.collision_map import (
     point_planes,
     published_collision_map,
 )
-from iwalker_jax.perception.depth_cleanup import clean_depth
+from iwalker_jax.perception.depth_cleanup import check_image_size, clean_depth
 from iwalker_jax.perception.distance_field import signed_distance_field
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
 
@@ -58,7 +58,11 @@ def build_local_map(
         intrinsics: of this image size.
         grid: of the occupancy and distance maps, base frame.
         rules: obstacle heights and point counts.
+
+    Raises:
+        InputError: if the image has another size than its intrinsics or is not floating-point metres.
     """
+    check_image_size(depth.shape, intrinsics)
     depth = clean_depth(depth)
     occupied, known_free = free_and_occupied(depth, mount, intrinsics, grid, rules)
     return LocalMap(

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Key
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception.depth_cleanup import check_image_size
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,11 @@ def add_depth_noise(
         intrinsics: of the image.
         surface_key: of what lasts from frame to frame (weak texture, holes, bias). Frames of one view with different
             keys but the same surface key differ like successive frames of a real camera; None draws new surfaces.
+
+    Raises:
+        InputError: if the image has another size than its intrinsics.
     """
+    check_image_size(depth.shape, intrinsics)
     shape = (depth.shape[0], depth.shape[1])
     scale = intrinsics.width / 640.0
     key_range, key_holes, key_ghost, key_own_surface = jax.random.split(key, 4)

@@ -55,6 +55,12 @@ def test_clean_depth_of_a_useless_image_is_zero(value):
     np.testing.assert_array_equal(np.asarray(clean_depth(np.full((9, 16), value, np.float32))), 0.0)
 
 
+@pytest.mark.parametrize("image", [np.zeros((9, 16), np.uint16), np.zeros((2, 9, 16), np.float32)])
+def test_clean_depth_refuses_raw_units_and_batches(image):
+    with pytest.raises(InputError, match="floating-point metres"):
+        jax.jit(clean_depth)(image)
+
+
 def test_depth_from_uint16_is_metres():
     raw = np.array([[0, 1000], [5000, 65535]], np.uint16)
     np.testing.assert_allclose(depth_from_uint16(raw, 1 / 5000), [[0, 0.2], [1.0, 13.107]], rtol=1e-6)
@@ -120,5 +126,5 @@ def test_resize_depth_to_the_same_camera_is_the_identity():
 
 
 def test_resize_depth_names_a_size_that_does_not_fit():
-    with pytest.raises(InputError, match="320 x 180 px but its intrinsics are for 160 x 90"):
+    with pytest.raises(InputError, match=r"shape \(180, 320\) but its intrinsics are for 90 rows and 160 columns"):
         resize_depth(jnp.zeros((180, 320)), Intrinsics(), Intrinsics())

@@ -71,6 +71,11 @@ def test_frames_without_a_floor_are_invalid_and_finite(kind):
     assert np.isfinite([float(x) for x in found]).all()
 
 
+def test_a_depth_image_of_another_size_is_refused():
+    with pytest.raises(InputError, match="90 rows and 160 columns"):
+        fit(np.ones((180, 320), np.float32), INTRINSICS)
+
+
 def test_batch_equals_single_frames():
     mounts = [CameraMount(), CameraMount(height=0.9, pitch=0.5, roll=-0.1)]
     depths = np.stack([render(INTRINSICS, m, FURNITURE) for m in mounts])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from box_scene import render
 
+from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
 from iwalker_jax.perception.local_map import BLIND_DISC_RADIUS, build_local_map
@@ -95,6 +96,12 @@ def test_a_batch_row_does_not_depend_on_its_neighbours():
         for ours, expected in zip(batched[:3], single[:3]):
             assert np.mean(np.asarray(ours[k]) != np.asarray(expected)) < 1e-3
         np.testing.assert_allclose(batched.published[k], single.published, atol=0.03)
+
+
+@pytest.mark.parametrize("shape", [(90,), (1, 160), (160, 90), (2, 90, 160)])
+def test_a_depth_image_of_another_size_is_refused(shape):
+    with pytest.raises(InputError, match="90 rows and 160 columns"):
+        build(np.ones(shape, np.float32), MOUNT.as_array(), INTRINSICS)
 
 
 def test_any_grid_and_image_size():

@@ -138,6 +138,11 @@ def test_frames_depend_on_their_key_alone():
     assert np.mean((np.asarray(batched[0]) > 0) != (np.asarray(batched[1]) > 0)) > 0.05
 
 
+def test_a_depth_image_of_another_size_is_refused():
+    with pytest.raises(InputError, match="90 rows and 160 columns"):
+        add_depth_noise(jax.random.key(0), jnp.ones((180, 320)), DepthNoise(), Intrinsics())
+
+
 @pytest.mark.parametrize("bad", [{"baseline": 0.0}, {"near_std": -1.0}, {"far_holes": 1.5}, {"max_ghost": 0.1}])
 def test_noise_that_cannot_be_is_refused(bad):
     with pytest.raises(InputError):
