@@ -28,7 +28,8 @@ class UnicycleParameters:
         turn_bound: largest |omega| [rad/sample], None = free.
         acceleration_bound: largest |a| [m/sample^2], None = free.
         speed_bound: largest |v| [m/sample], None = free; the given initial speed is not counted.
-        max_iterations: Newton iterations at most.
+        max_iterations: Newton iterations at most, on the coarse grid of the search and again on the full one.
+        unrolled_iterations: iterations on the full grid that the `unrolled` gradient mode makes and differentiates.
         tolerance: residual (relative length of the next Newton step, see `solve_unicycle`) that counts as solved.
         position_floor: position error [m] below which accuracy no longer matters; it keeps the residual of a
             perfectly tracked reference meaningful.
@@ -42,6 +43,7 @@ class UnicycleParameters:
     acceleration_bound: float | None = None
     speed_bound: float | None = None
     max_iterations: int = 40
+    unrolled_iterations: int = 10
     tolerance: float = 1e-3
     position_floor: float = 1e-3
 
