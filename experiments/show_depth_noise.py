@@ -1,15 +1,19 @@
 """`python -m experiments.show_depth_noise [--real FOLDER]`: simulated depth beside a real camera's."""
 
 import itertools
+import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import tyro
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime import configure_runtime
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 RANGES = ((0.5, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 5.0))
 """[m] bins of the temporal standard deviation."""
@@ -88,6 +92,7 @@ def quietest_stretch(frames: np.ndarray, length: int = 4) -> np.ndarray:
 
 
 def main(config: Config) -> None:
+    """Measure, print and draw."""
     configure_runtime()
     import matplotlib
 
@@ -178,7 +183,7 @@ def _average(statistics: list[FrameStatistics]) -> FrameStatistics:
     )
 
 
-def _table(statistics: dict[str, FrameStatistics]):
+def _table(statistics: dict[str, FrameStatistics]) -> "Table":
     """Rich table with one column a source."""
     from rich.table import Table
 
@@ -193,4 +198,7 @@ def _table(statistics: dict[str, FrameStatistics]):
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config, description=__doc__))
+    try:
+        main(tyro.cli(Config, description=__doc__))
+    except InputError as error:
+        sys.exit(str(error))
