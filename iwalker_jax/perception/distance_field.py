@@ -117,7 +117,8 @@ def _try_shifts(
     """
     rows, columns = best.shape
     margin = columns + _TRIALS
-    padded = jnp.pad(along_column, ((0, 0), (margin, margin)), constant_values=_far(best.shape))
+    beyond = jnp.full((rows, margin), _far(best.shape), jnp.int32)
+    padded = jnp.concatenate([beyond, along_column, beyond], axis=1)
     lowest = jnp.min(along_column, axis=1)
 
     def reach(best: Int[Array, "rows columns"]) -> Int[Array, ""]:
