@@ -1,0 +1,164 @@
+"""Step MPC: time and error beside OSQP and Clarabel on the same problems.
+
+Run: python -m benchmarks.step_mpc [--horizon 20] [--batch 16]
+"""
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from iwalker_jax.runtime import configure_runtime
+
+configure_runtime()
+
+import clarabel  # noqa: E402
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+import osqp  # noqa: E402
+import tyro  # noqa: E402
+from jaxtyping import Array  # noqa: E402
+from scipy import sparse  # noqa: E402
+
+from benchmarks.step_qp import StepQp, build_step_qp, irregular_walk  # noqa: E402
+from iwalker_jax.optimization.hlip import HlipParameters  # noqa: E402
+from iwalker_jax.optimization.solution import Status  # noqa: E402
+from iwalker_jax.optimization.step_mpc import solve_step_mpc  # noqa: E402
+from iwalker_jax.optimization.step_mpc_bounded import solve_bounded_step_mpc  # noqa: E402
+from iwalker_jax.optimization.step_problem import StepMpcWeights  # noqa: E402
+from iwalker_jax.optimization.step_reach import StepReach, step_bounds  # noqa: E402
+
+Plan = Callable[[Array, Array, Array], tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class Config:
+    """Sizes of the benchmark.
+
+    Attributes:
+        horizon: steps a problem.
+        batch: problems a batch.
+        noise: irregularity of the wanted footsteps [m].
+        repeats: timed calls.
+    """
+
+    horizon: int = 20
+    batch: int = 16
+    noise: float = 0.02
+    repeats: int = 100
+
+
+def clock(call: Callable[[], object], repeats: int) -> tuple[float, float, float]:
+    """First call, fastest and median time of a call [ms]."""
+    begin = time.perf_counter()
+    jax.block_until_ready(call())
+    first = time.perf_counter() - begin
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        jax.block_until_ready(call())
+        times.append(time.perf_counter() - begin)
+    return 1e3 * first, 1e3 * min(times), 1e3 * float(np.median(times))
+
+
+def clarabel_solver(qp: StepQp, low: np.ndarray, high: np.ndarray) -> clarabel.DefaultSolver:
+    """Clarabel on the QP, with bounds if there are any."""
+    rows, values = [qp.dynamics, qp.heading, -qp.heading], [qp.drift, high, -low]
+    bounded = np.isfinite(high).all()
+    cones = [clarabel.ZeroConeT(len(qp.drift)), clarabel.NonnegativeConeT(2 * len(high))]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    return clarabel.DefaultSolver(
+        sparse.csc_matrix(np.triu(qp.hessian)),
+        qp.linear,
+        sparse.csc_matrix(np.concatenate(rows if bounded else rows[:1])),
+        np.concatenate(values if bounded else values[:1]),
+        cones if bounded else cones[:1],
+        settings,
+    )
+
+
+def osqp_solver(qp: StepQp, low: np.ndarray, high: np.ndarray, tolerance: float) -> osqp.OSQP:
+    """OSQP on the QP, factorised: only its iterations are timed."""
+    solver = osqp.OSQP()
+    solver.setup(
+        sparse.csc_matrix(np.triu(qp.hessian)),
+        qp.linear,
+        sparse.csc_matrix(np.concatenate([qp.dynamics, qp.heading])),
+        np.concatenate([qp.drift, low]),
+        np.concatenate([qp.drift, high]),
+        verbose=False,
+        warm_starting=False,
+        eps_abs=tolerance,
+        eps_rel=tolerance,
+        max_iter=100000,
+    )
+    return solver
+
+
+def row(name: str, call: Callable[[], object], count: int, error: float, repeats: int) -> float:
+    """Print one line and return the time of one problem [ms]."""
+    first, least, median = clock(call, repeats)
+    print(f"{name:34s}{first:10.1f}{least:10.3f}{median:10.3f}{least / count:11.4f}{error:12.1e}")
+    return least / count
+
+
+def compare(title: str, plan: Plan, low: np.ndarray, high: np.ndarray, config: Config) -> None:
+    """Print the table of one planner beside general solvers with the same bounds."""
+    walks = [irregular_walk(config.horizon, seed, config.noise) for seed in range(config.batch)]
+    problems = tuple(np.stack(x).astype(np.float32) for x in zip(*walks))
+    qps = [build_step_qp(*walk[:2], HlipParameters(), StepMpcWeights(), walk[2]) for walk in walks]
+    exact = np.stack([qp.unpack(np.asarray(clarabel_solver(qp, low, high).solve().x))[0] for qp in qps])
+    first = tuple(x[0] for x in problems)
+    one, many = jax.jit(plan), jax.jit(jax.vmap(plan))
+    slope = jax.jit(jax.grad(lambda f, x, h: jnp.sum((jax.vmap(plan)(f, x, h)[0] - f) ** 2), (0, 1)))
+    footsteps, status = many(*problems)
+    good = np.asarray(status) == Status.CONVERGED
+    error = 1e3 * float(np.abs(np.asarray(footsteps)[good] - exact[good]).max())
+    print(f"\n{title}: {good.sum()} of {len(good)} converged")
+    print(f"{'':34s}{'first ms':>10s}{'min ms':>10s}{'median ms':>10s}{'a problem':>11s}{'error mm':>12s}")
+    single = row("one problem", lambda: one(*first), 1, error, config.repeats)
+    batch = row(f"batch of {config.batch}", lambda: many(*problems), config.batch, error, config.repeats)
+    row("batch, forward and backward", lambda: slope(*problems), config.batch, error, config.repeats)
+    for tolerance in (1e-3, 1e-7):
+        solver = osqp_solver(qps[0], low, high, tolerance)
+        z = np.asarray(solver.solve(raise_error=False).x)
+        zeros = np.zeros_like(z), np.zeros(len(qps[0].drift) + len(high))
+
+        def again(solver: osqp.OSQP = solver, zeros: tuple = zeros) -> object:
+            solver.warm_start(x=zeros[0], y=zeros[1])
+            return solver.solve(raise_error=False).info.iter
+
+        error = 1e3 * float(np.abs(qps[0].unpack(z)[0] - exact[0]).max())
+        peer = row(f"OSQP {tolerance:g}, factorised before", again, 1, error, 20)
+        print(f"{'':34s}takes {peer / single:.1f} x our time for one problem, {peer / batch:.1f} x in a batch")
+    row("Clarabel, with its set-up", lambda: clarabel_solver(qps[0], low, high).solve().status, 1, 0.0, 20)
+
+
+def free_plan(f: Array, x: Array, h: Array) -> tuple[Array, Array]:
+    """Footsteps and status of the closed-form MPC; headings do not enter."""
+    solution = solve_step_mpc(f, x)
+    return solution.value.footsteps, solution.status
+
+
+def bounded_plan(f: Array, x: Array, h: Array) -> tuple[Array, Array]:
+    """Footsteps and status of the bounded MPC."""
+    solution = solve_bounded_step_mpc(f, x, jnp.asarray(1.0), h)
+    return solution.value.footsteps, solution.status
+
+
+def main(config: Config) -> None:
+    """Print one table for the closed-form MPC and one for the bounded one."""
+    print(f"{platform.machine()}, {os.cpu_count()} cores, jax {jax.__version__}, float32; peers in float64")
+    print(f"N = {config.horizon}, batch {config.batch}, footsteps irregular by {config.noise} m")
+    low, high = (np.ravel(x) for x in step_bounds(StepReach(), jnp.asarray(1.0), config.horizon))
+    infinite = np.full_like(high, np.inf)
+    compare("closed form", free_plan, -infinite, infinite, config)
+    compare("bounded", bounded_plan, low, high, config)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))
