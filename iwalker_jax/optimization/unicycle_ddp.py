@@ -24,6 +24,25 @@ class Trajectory(NamedTuple):
     acceleration: Float[Array, " m"]
 
 
+class Grid(NamedTuple):
+    """Time steps of a motion; arrays broadcast against a batch on a trailing axis.
+
+    Attributes:
+        dt: (N-1, ...) length of each step [samples].
+        mass: (N, ...) points of the reference that each point stands for.
+        span: (N-1, ...) controls that each step's controls stand for.
+    """
+
+    dt: Float[Array, " m"]
+    mass: Float[Array, " n"]
+    span: Float[Array, " m"]
+
+
+def uniform_grid(like: Float[Array, " n"], dt: float) -> Grid:
+    """Equal steps for a motion of as many points as `like`."""
+    return Grid(jnp.full_like(like[1:], dt), jnp.ones_like(like), jnp.ones_like(like[1:]))
+
+
 class Policy(NamedTuple):
     """Affine control law around a trajectory, one entry a stage: u = u_nominal + step k + K dx.
 
@@ -56,7 +75,7 @@ class StageInverse(NamedTuple):
     curvature: Float[Array, " m"]
 
 
-def control_limits(speed: Array, parameters: UnicycleParameters) -> tuple[Array, Array, Array, Array]:
+def control_limits(speed: Array, dt: Array, parameters: UnicycleParameters) -> tuple[Array, Array, Array, Array]:
     """Range of both controls at a speed: (omega low, omega high, a low, a high).
 
     A bound on the next speed is a bound on the acceleration that depends on the present speed; where it cannot be
@@ -66,8 +85,8 @@ def control_limits(speed: Array, parameters: UnicycleParameters) -> tuple[Array,
     gain = jnp.full_like(speed, jnp.inf if parameters.acceleration_bound is None else parameters.acceleration_bound)
     low, high = -gain, gain
     if parameters.speed_bound is not None:
-        room_up = (parameters.speed_bound - speed) / parameters.dt
-        room_down = (-parameters.speed_bound - speed) / parameters.dt
+        room_up = (parameters.speed_bound - speed) / dt
+        room_down = (-parameters.speed_bound - speed) / dt
         low = jnp.minimum(jnp.maximum(low, room_down), gain)
         high = jnp.maximum(jnp.minimum(high, room_up), -gain)
     return -turn, turn, low, high
@@ -100,6 +119,7 @@ def backward_sweep(
     weights: Float[Array, "3"],
     damping: Float[Array, ""],
     curvature_floor: float,
+    grid: Grid,
     parameters: UnicycleParameters,
 ) -> tuple[Policy, StageInverse, Float[Array, ""]]:
     """Quadratic model of the cost to go from the last stage to the first, with the dynamics' second derivatives.
@@ -111,19 +131,20 @@ def backward_sweep(
         damping: () Levenberg-Marquardt damping, relative to the control weights.
         curvature_floor: stages whose control Hessian has a smaller eigenvalue, relative to the control weights, are
             convexified up to it.
-        parameters: bounds and dt.
+        grid: time steps.
+        parameters: bounds.
 
     Returns:
         The policy, the stage inverses, and the decrease of the cost that the quadratic model promises.
     """
     x, y, speed, theta, omega, acceleration = trajectory
-    dt = parameters.dt
-    W, Rw, Ra = 2 * weights[0], 2 * weights[1], 2 * weights[2]
-    ex, ey = W * (x - reference[0]), W * (y - reference[1])
+    mass = 2 * weights[0] * grid.mass
+    turn_cost, gain_cost = 2 * weights[1] * grid.span, 2 * weights[2] * grid.span
+    ex, ey = mass * (x - reference[0]), mass * (y - reference[1])
 
     def stage(value, nominal):
         Pxx, Pxy, Pyy, Pxv, Pxt, Pyv, Pyt, Pvv, Pvt, Ptt, px, py, pv, pt, promised = value
-        lx, ly, v, c, s, w, a = nominal
+        lx, ly, v, c, s, w, a, W, Rw, Ra, dt = nominal
         d, e = -v * s, v * c
         Pcx, Pcy = Pxx * c + Pxy * s + Pxv, Pxy * c + Pyy * s + Pyv
         Pcv, Pct = Pxv * c + Pyv * s + Pvv, Pxt * c + Pyt * s + Pvt
@@ -145,7 +166,7 @@ def backward_sweep(
         Iww, Iwa, Iaa = C * inverse, -B * inverse, A * inverse
         rides = jnp.zeros_like(v)
         if parameters.bounded:
-            w_low, w_high, a_low, a_high = control_limits(v, parameters)
+            w_low, w_high, a_low, a_high = control_limits(v, dt, parameters)
             kw, ka, w_held, a_held = _bounded_step(A, B, C, gw, ga, (w_low - w, w_high - w, a_low - a, a_high - a))
             Iww = jnp.where(w_held, 0.0, jnp.where(a_held, 1 / A, Iww))
             Iaa = jnp.where(a_held, 0.0, jnp.where(w_held, 1 / C, Iaa))
@@ -191,9 +212,11 @@ def backward_sweep(
         return value, (policy, StageInverse(Iww, Iwa, Iaa, curvature))
 
     zero = jnp.zeros_like(ex[-1])
-    hessian = (zero + W, zero, zero + W, zero, zero, zero, zero, zero, zero, zero)
+    hessian = (zero + mass[-1], zero, zero + mass[-1], zero, zero, zero, zero, zero, zero, zero)
     terminal = (*hessian, ex[-1], ey[-1], zero, zero, zero)
-    nominal = (ex[:-1], ey[:-1], speed[:-1], dt * jnp.cos(theta[:-1]), dt * jnp.sin(theta[:-1]), omega, acceleration)
+    c, s = grid.dt * jnp.cos(theta[:-1]), grid.dt * jnp.sin(theta[:-1])
+    costs = (mass[:-1], turn_cost, gain_cost, grid.dt)
+    nominal = (ex[:-1], ey[:-1], speed[:-1], c, s, omega, acceleration, *costs)
     value, (policy, inverse) = lax.scan(stage, terminal, nominal, reverse=True)
     return policy, inverse, value[-1]
 
@@ -204,6 +227,7 @@ def forward_sweep(
     step: Float[Array, ""],
     reference: tuple[Array, Array],
     weights: Float[Array, "3"],
+    grid: Grid,
     parameters: UnicycleParameters,
 ) -> tuple[Trajectory, Float[Array, ""]]:
     """Follow a policy from the trajectory's initial state with the true motion; controls are kept in their bounds.
@@ -214,29 +238,39 @@ def forward_sweep(
         step: () fraction of the policy's open-loop change to take.
         reference: x and y of the reference, (N,) each [m].
         weights: (3,) position, turn, acceleration.
-        parameters: bounds and dt.
+        grid: time steps.
+        parameters: bounds.
 
     Returns:
         The new motion and its cost.
     """
-    dt = parameters.dt
 
     def stage(state, nominal):
         x, y, v, t, cost = state
-        x0, y0, v0, t0, w0, a0, rx, ry, gain = nominal
+        x0, y0, v0, t0, w0, a0, rx, ry, gain, dt, mass, span = nominal
         dx, dy, dv, dth = x - x0, y - y0, v - v0, t - t0
         w = w0 + step * gain.kw + gain.Kwx * dx + gain.Kwy * dy + gain.Kwv * dv + gain.Kwt * dth
         a = a0 + step * gain.ka + gain.Kax * dx + gain.Kay * dy + gain.Kav * dv + gain.Kat * dth
         if parameters.bounded:
-            w_low, w_high, a_low, a_high = control_limits(v, parameters)
+            w_low, w_high, a_low, a_high = control_limits(v, dt, parameters)
             w, a = jnp.clip(w, w_low, w_high), jnp.clip(a, a_low, a_high)
-        cost = cost + weights[0] * ((x - rx) ** 2 + (y - ry) ** 2) + weights[1] * w * w + weights[2] * a * a
+        cost = cost + mass * weights[0] * ((x - rx) ** 2 + (y - ry) ** 2)
+        cost = cost + span * (weights[1] * w * w + weights[2] * a * a)
         moved = (x + dt * v * jnp.cos(t), y + dt * v * jnp.sin(t), v + dt * a, t + dt * w, cost)
         return moved, (x, y, v, t, w, a)
 
     start = (*(component[0] for component in trajectory[:4]), jnp.zeros_like(trajectory.x[0]))
-    along = (*(c[:-1] for c in trajectory[:4]), *trajectory[4:], reference[0][:-1], reference[1][:-1], policy)
+    along = (
+        *(c[:-1] for c in trajectory[:4]),
+        *trajectory[4:],
+        reference[0][:-1],
+        reference[1][:-1],
+        policy,
+        grid.dt,
+        grid.mass[:-1],
+        grid.span,
+    )
     last, passed = lax.scan(stage, start, along)
     states = (jnp.concatenate([values, end[None]]) for values, end in zip(passed[:4], last[:4]))
     miss = (last[0] - reference[0][-1]) ** 2 + (last[1] - reference[1][-1]) ** 2
-    return Trajectory(*states, *passed[4:]), last[4] + weights[0] * miss
+    return Trajectory(*states, *passed[4:]), last[4] + grid.mass[-1] * weights[0] * miss

@@ -14,7 +14,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from iwalker_jax.optimization.unicycle import UnicycleParameters
-from iwalker_jax.optimization.unicycle_ddp import Policy, StageInverse, Trajectory, backward_sweep
+from iwalker_jax.optimization.unicycle_ddp import Policy, StageInverse, Trajectory, backward_sweep, uniform_grid
 
 # An optimum flatter than this (control Hessian over control weights) has no trustworthy derivative.
 MINIMUM_CURVATURE = 1e-4
@@ -55,7 +55,10 @@ def _attach_jvp(parameters, primals, tangents):
     inputs, optimum = primals
     undamped = jnp.zeros_like(inputs.speed)
     reference = (inputs.x, inputs.y)
-    policy, inverse, _ = backward_sweep(optimum, reference, inputs.weights, undamped, MINIMUM_CURVATURE, parameters)
+    grid = uniform_grid(inputs.x, parameters.dt)
+    policy, inverse, _ = backward_sweep(
+        optimum, reference, inputs.weights, undamped, MINIMUM_CURVATURE, grid, parameters
+    )
     return optimum, _sensitivity(inputs, optimum, policy, inverse, tangents[0], parameters.dt)
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
 from iwalker_jax.optimization.unicycle import UnicycleParameters, UnicyclePlan, tracking_cost
-from iwalker_jax.optimization.unicycle_ddp import Trajectory
+from iwalker_jax.optimization.unicycle_ddp import Trajectory, uniform_grid
 from iwalker_jax.optimization.unicycle_gradients import MINIMUM_CURVATURE, TrackingInputs, attach_derivatives
 from iwalker_jax.optimization.unicycle_solver import advance, begin, residual, solve_lanes
 
@@ -126,10 +126,12 @@ def _unroll(
 
     inputs, speed, theta = jax.tree.map(lambda leaf: leaf[..., None], (inputs, speed, theta))
 
-    def body(iterate, _):
-        return advance(iterate, inputs, jnp.ones_like(inputs.speed, bool), parameters), None
+    grid = uniform_grid(inputs.x, parameters.dt)
 
-    first = begin(inputs, speed, theta, parameters)
+    def body(iterate, _):
+        return advance(iterate, inputs, grid, jnp.ones_like(inputs.speed, bool), parameters), None
+
+    first = begin(inputs, speed, theta, grid, parameters)
     last, _ = lax.scan(body, first, None, length=parameters.unrolled_iterations)
     outputs = (last.trajectory, lax.stop_gradient(residual(last, inputs, parameters)), last.curvature)
     return jax.tree.map(lambda leaf: leaf[..., 0], outputs)

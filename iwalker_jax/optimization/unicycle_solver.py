@@ -8,7 +8,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from iwalker_jax.optimization.unicycle import UnicycleParameters
-from iwalker_jax.optimization.unicycle_ddp import Policy, Trajectory, backward_sweep, forward_sweep
+from iwalker_jax.optimization.unicycle_ddp import Grid, Policy, Trajectory, backward_sweep, forward_sweep, uniform_grid
 from iwalker_jax.optimization.unicycle_gradients import TrackingInputs
 from iwalker_jax.optimization.unicycle_starts import STARTS, coarse_grid, starting_motions
 
@@ -17,7 +17,7 @@ _STEPS = (1.0, 0.5, 0.2, 0.05)
 # Less convex stages (relative to the control weights) make the quadratic model explode on its way back.
 _CURVATURE_FLOOR = 0.1
 # A start is given up when even this many times the promised decrease would leave it behind the best one.
-_OPTIMISM = 3.0
+_OPTIMISM = 100.0
 # The coarse grid's answer is only a start, so it need not be better than this.
 _COARSE_TOLERANCE = 0.03
 
@@ -56,26 +56,30 @@ def begin(
     inputs: TrackingInputs,
     speed: Float[Array, "n lanes"],
     theta: Float[Array, "n lanes"],
+    grid: Grid,
     parameters: UnicycleParameters,
 ) -> Iterate:
     """First iterate from speeds and headings over time."""
-    dt = parameters.dt
     zero = jnp.zeros_like(inputs.speed)
     still = jnp.zeros_like(speed[:-1])
     speed, theta = speed.at[0].set(inputs.speed), theta.at[0].set(inputs.theta)
     nowhere = jnp.zeros_like(speed)
-    guess = Trajectory(nowhere, nowhere, speed, theta, jnp.diff(theta, axis=0) / dt, jnp.diff(speed, axis=0) / dt)
+    guess = Trajectory(
+        nowhere, nowhere, speed, theta, jnp.diff(theta, axis=0) / grid.dt, jnp.diff(speed, axis=0) / grid.dt
+    )
     hold = Policy(*(still for _ in Policy._fields))
     reference = (inputs.x, inputs.y)
-    trajectory, cost = forward_sweep(guess, hold, zero, reference, inputs.weights, parameters)
+    trajectory, cost = forward_sweep(guess, hold, zero, reference, inputs.weights, grid, parameters)
     policy, inverse, promised = backward_sweep(
-        trajectory, reference, inputs.weights, zero, _CURVATURE_FLOOR, parameters
+        trajectory, reference, inputs.weights, zero, _CURVATURE_FLOOR, grid, parameters
     )
     count = jnp.zeros(zero.shape, jnp.int32)
     return Iterate(trajectory, cost, policy, promised, jnp.min(inverse.curvature, axis=0), zero, count)
 
 
-def advance(iterate: Iterate, inputs: TrackingInputs, active: Array, parameters: UnicycleParameters) -> Iterate:
+def advance(
+    iterate: Iterate, inputs: TrackingInputs, grid: Grid, active: Array, parameters: UnicycleParameters
+) -> Iterate:
     """Try several step lengths, keep the best one where it is an improvement, and sweep backwards from there."""
     reference = (inputs.x, inputs.y)
     old = iterate.trajectory
@@ -83,7 +87,7 @@ def advance(iterate: Iterate, inputs: TrackingInputs, active: Array, parameters:
     lanes = iterate.cost.shape[0]
     repeated = jax.tree.map(lambda leaf: jnp.tile(leaf, len(_STEPS)), (old, iterate.policy, reference, inputs.weights))
     tried = jnp.repeat(jnp.asarray(_STEPS, iterate.cost.dtype), lanes)
-    costs = forward_sweep(repeated[0], repeated[1], tried, repeated[2], repeated[3], parameters)[1]
+    costs = forward_sweep(repeated[0], repeated[1], tried, repeated[2], repeated[3], grid, parameters)[1]
     least, best = jnp.full_like(iterate.cost, jnp.inf), jnp.zeros_like(iterate.cost)
     for step, cost in zip(_STEPS, lax.stop_gradient(costs).reshape(len(_STEPS), lanes)):
         better = cost < least
@@ -91,14 +95,14 @@ def advance(iterate: Iterate, inputs: TrackingInputs, active: Array, parameters:
     # Near the optimum the change of the cost drowns in rounding; such steps still improve the plan.
     rounding = 4 * jnp.finfo(least.dtype).eps * iterate.cost
     accepted = active & (least <= iterate.cost + rounding)
-    new, cost = forward_sweep(old, iterate.policy, best, reference, inputs.weights, parameters)
+    new, cost = forward_sweep(old, iterate.policy, best, reference, inputs.weights, grid, parameters)
     trajectory = Trajectory(*(jnp.where(accepted, a, b) for a, b in zip(new, old)))
     raised = jnp.where(iterate.damping < 1e-2, 1e-1, 8 * iterate.damping)
     lowered = jnp.where(iterate.damping < 5e-3, 0.0, 0.2 * iterate.damping)
     damping = jnp.where(accepted, jnp.where(best == 1.0, lowered, iterate.damping), raised)
     damping = jnp.where(active, damping, iterate.damping)
     policy, inverse, promised = backward_sweep(
-        trajectory, reference, inputs.weights, damping, _CURVATURE_FLOOR, parameters
+        trajectory, reference, inputs.weights, damping, _CURVATURE_FLOOR, grid, parameters
     )
     curvature = jnp.min(inverse.curvature, axis=0)
     cost = jnp.where(accepted, cost, iterate.cost)
@@ -106,7 +110,12 @@ def advance(iterate: Iterate, inputs: TrackingInputs, active: Array, parameters:
 
 
 def _improve(
-    first: Iterate, inputs: TrackingInputs, rivals: int, tolerance: float, parameters: UnicycleParameters
+    first: Iterate,
+    inputs: TrackingInputs,
+    grid: Grid,
+    rivals: int,
+    tolerance: float,
+    parameters: UnicycleParameters,
 ) -> Iterate:
     """Advance all lanes until none is unfinished; `rivals` starts of each problem compete and losers are given up."""
 
@@ -119,7 +128,7 @@ def _improve(
 
     def body(carry):
         iterate, mask = carry
-        iterate = advance(iterate, inputs, mask, parameters)
+        iterate = advance(iterate, inputs, grid, mask, parameters)
         return iterate, active(iterate)
 
     return lax.while_loop(lambda carry: jnp.any(carry[1]), body, (first, active(first)))[0]
@@ -137,18 +146,17 @@ def solve_lanes(
     Returns:
         The last iterate, and the speeds and headings that the given grid was started from.
     """
-    averaging, interpolation = (jnp.asarray(m, inputs.x.dtype) for m in coarse_grid(inputs.x.shape[0]))
-    width = (inputs.x.shape[0] - 1) / (averaging.shape[0] - 1)
-    coarse = UnicycleParameters(
-        **{f: getattr(parameters, f) for f in parameters.__dataclass_fields__ if f != "dt"}, dt=parameters.dt * width
-    )
+    coarse = coarse_grid(inputs.x.shape[0])
+    dtype = inputs.x.dtype
+    steps, mass = (jnp.asarray(column, dtype)[:, None] for column in (coarse.steps, coarse.mass))
+    averaging, interpolation = jnp.asarray(coarse.averaging, dtype), jnp.asarray(coarse.interpolation, dtype)
+    stiffness = parameters.acceleration_weight / (parameters.position_weight * parameters.dt**4)
+    speed, theta = starting_motions(inputs.x, inputs.y, inputs.speed, inputs.theta, stiffness, parameters.dt)
     few = inputs._replace(x=averaging @ inputs.x, y=averaging @ inputs.y)
-    stiffness = parameters.acceleration_weight / (parameters.position_weight * coarse.dt**4)
-    speed, theta = starting_motions(few.x, few.y, few.speed, few.theta, stiffness, coarse.dt)
     rivals = jax.tree.map(lambda leaf: jnp.tile(leaf, STARTS), few)
-    flat = (few.x.shape[0], -1)
-    first = begin(rivals, speed.reshape(flat), theta.reshape(flat), coarse)
-    found = _improve(first, rivals, STARTS, _COARSE_TOLERANCE, coarse)
+    flat, grid = (mass.shape[0], -1), Grid(parameters.dt * steps, mass, steps)
+    first = begin(rivals, speed.reshape(flat), theta.reshape(flat), grid, parameters)
+    found = _improve(first, rivals, grid, STARTS, _COARSE_TOLERANCE, parameters)
 
     grouped = (-1, STARTS, inputs.speed.shape[0])
     cost = found.cost.reshape(grouped[1:])
@@ -159,6 +167,8 @@ def solve_lanes(
         best_cost = jnp.where(better, cost[k], best_cost)
         best_speed, best_theta = (jnp.where(better, a[:, k], b) for a, b in ((speed, best_speed), (theta, best_theta)))
     speed, theta = interpolation @ best_speed, interpolation @ best_theta
-    solved = _improve(begin(inputs, speed, theta, parameters), inputs, 1, parameters.tolerance, parameters)
+    grid = uniform_grid(inputs.x[:, :1], parameters.dt)
+    first = begin(inputs, speed, theta, grid, parameters)
+    solved = _improve(first, inputs, grid, 1, parameters.tolerance, parameters)
     spent = jnp.max(found.count.reshape(grouped[1:]), axis=0)
     return solved._replace(count=solved.count + spent), speed, theta

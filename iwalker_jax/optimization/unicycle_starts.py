@@ -1,43 +1,57 @@
 """Where the unicycle solver starts: a coarse time grid, and on it a straight drive and two smoothed references.
 
 The best motion is smooth over several points whatever the reference, so its shape, and which of the local
-optima it belongs to, is found cheaply on every fourth point.
+optima it belongs to, is found cheaply on a third of the points.
 """
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-# Points of the reference for each point of the coarse grid, and the fewest coarse points worth having.
-_RATIO = 4
-_FEWEST = 16
+# Length of the coarse grid's steps in points: fine at first, where a fast start has to turn at once, then this.
+_FIRST_STEPS = (1, 1, 1, 1, 2, 2, 2)
+_STEP = 4
 # Stiffness of the smoothed starts over the acceleration weight: a shape with its main bends, and a hint of one.
 _SMOOTHING = (200.0, 2000.0)
 STARTS = 1 + len(_SMOOTHING)
 
 
-@lru_cache(maxsize=32)
-def coarse_grid(points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices between a path of N points and its coarse grid of M + 1 points.
+class CoarseGrid(NamedTuple):
+    """How N points are seen through M + 1 of them.
 
-    Returns:
-        (M + 1, N) averages of the path around the coarse points (the first one is exact), and (N, M + 1)
-        interpolation of speeds and headings, which belong to the middle of the steps they drive (the first one,
-        the initial state, belongs to the first point).
+    Attributes:
+        steps: (M,) length of each step in points.
+        averaging: (M + 1, N) averages of a path around the coarse points.
+        mass: (M + 1,) how many points each coarse point stands for.
+        nearest: (M + 1,) the point whose speed and heading are closest to a coarse step's.
+        interpolation: (N, M + 1) speeds and headings of all points; those of a step belong to its middle.
     """
-    steps = max(-(-(points - 1) // _RATIO), min(_FEWEST, points - 1))
-    width = (points - 1) / steps
+
+    steps: np.ndarray
+    averaging: np.ndarray
+    mass: np.ndarray
+    nearest: np.ndarray
+    interpolation: np.ndarray
+
+
+@lru_cache(maxsize=32)
+def coarse_grid(points: int) -> CoarseGrid:
+    """The coarse grid of a path of N points."""
+    nodes = [0]
+    for step in (*_FIRST_STEPS, *[_STEP] * points):
+        if nodes[-1] < points - 1:
+            nodes.append(min(nodes[-1] + step, points - 1))
+    centres = np.array(nodes, float)
     times = np.arange(points)
-    centres = np.arange(steps + 1) * width
-    averaging = np.maximum(1 - np.abs(times[None] - centres[:, None]) / width, 0.0)
-    averaging /= averaging.sum(axis=1, keepdims=True)
-    averaging[0] = times == 0
-    middles = centres + (width - 1) / 2
-    middles[0] = 0.0
-    interpolation = np.stack([np.interp(times, middles, row) for row in np.eye(steps + 1)], axis=1)
-    return averaging, interpolation
+    hats = np.stack([np.interp(times, centres, row) for row in np.eye(len(nodes))])
+    mass = hats.sum(axis=1)
+    steps = np.diff(centres)
+    middles = centres + np.append((steps - 1) / 2, 0.0)
+    interpolation = np.stack([np.interp(times, middles, row) for row in np.eye(len(nodes))], axis=1)
+    return CoarseGrid(steps, hats / mass[:, None], mass, np.floor(middles).astype(int), interpolation)
 
 
 @lru_cache(maxsize=32)
@@ -60,8 +74,8 @@ def starting_motions(
     theta: Float[Array, " lanes"],
     stiffness: float,
     dt: float,
-) -> tuple[Float[Array, "n starts lanes"], Float[Array, "n starts lanes"]]:
-    """Speeds and headings to start from; the problem has local optima, and these find different ones.
+) -> tuple[Float[Array, "m starts lanes"], Float[Array, "m starts lanes"]]:
+    """Speeds and headings on the coarse grid to start from; the problem has several optima, these find different ones.
 
     Args:
         x, y: (N, lanes) reference relative to the initial position [m], N >= 3.
@@ -71,26 +85,25 @@ def starting_motions(
         dt: time between points [samples].
 
     Returns:
-        Speeds and headings (N, starts, lanes): straight ahead with the best speeds, then smoothed references. A
+        Speeds and headings (M + 1, starts, lanes): straight ahead with the best speeds, then smoothed references. A
         smoothed reference that turns by more than a right angle between points is followed in reverse: it is cheaper.
     """
+    nearest = np.minimum(coarse_grid(x.shape[0]).nearest, x.shape[0] - 2)
 
-    def smooth(signal: Array, second_point: Array, factor: float) -> Array:
-        matrix, pinned = _smoother(signal.shape[0], factor * stiffness)
-        return jnp.asarray(matrix, signal.dtype) @ signal + jnp.asarray(pinned, signal.dtype) * second_point
-
-    def hold_last(values: Array) -> Array:
-        return jnp.concatenate([values, values[-1:]])
+    def velocity(signal: Array, start: Array, factor: float) -> Array:
+        smooth, pinned = (
+            jnp.asarray(m[nearest + 1] - m[nearest], signal.dtype) for m in _smoother(x.shape[0], factor * stiffness)
+        )
+        return smooth @ signal / dt + pinned * start
 
     c, s = jnp.cos(theta), jnp.sin(theta)
-    ahead = smooth(x * c + y * s, dt * speed, 1.0)
-    speeds, headings = [hold_last(jnp.diff(ahead, axis=0) / dt)], [jnp.broadcast_to(theta, ahead.shape)]
+    ahead = velocity(x * c + y * s, speed, 1.0)
+    speeds, headings = [ahead], [jnp.broadcast_to(theta, ahead.shape)]
     for factor in _SMOOTHING:
-        dx = jnp.diff(smooth(x, dt * speed * c, factor), axis=0)
-        dy = jnp.diff(smooth(y, dt * speed * s, factor), axis=0)
-        turns = jnp.diff(jnp.concatenate([theta[None], jnp.arctan2(dy, dx)[1:]]), axis=0)
+        vx, vy = velocity(x, speed * c, factor), velocity(y, speed * s, factor)
+        turns = jnp.diff(jnp.concatenate([theta[None], jnp.arctan2(vy, vx)[1:]]), axis=0)
         turns = turns - jnp.pi * jnp.round(turns / jnp.pi)
         heading = theta + jnp.concatenate([jnp.zeros_like(turns[:1]), jnp.cumsum(turns, axis=0)])
-        speeds.append(hold_last((dx * jnp.cos(heading) + dy * jnp.sin(heading)) / dt))
-        headings.append(hold_last(heading))
+        speeds.append(vx * jnp.cos(heading) + vy * jnp.sin(heading))
+        headings.append(heading)
     return jnp.stack(speeds, axis=1), jnp.stack(headings, axis=1)
