@@ -35,9 +35,11 @@ def hermite_path(knots: Float[Array, "*batch k 2"], n_samples: int) -> Float[Arr
     return basis @ knots
 
 
-def safe_norm(vectors: Float[Array, "*batch d"], epsilon: float = 1e-6) -> Float[Array, "*batch"]:
-    """Euclidean length sqrt(|x|^2 + epsilon^2) - epsilon: zero at zero, with a finite gradient there."""
-    return jnp.sqrt(jnp.sum(vectors**2, axis=-1) + epsilon**2) - epsilon
+def safe_norm(vectors: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+    """Euclidean length with a zero (not NaN) gradient at zero."""
+    squared = jnp.sum(vectors**2, axis=-1)
+    positive = squared > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
 
 
 def arc_length(path: Float[Array, "n 2"]) -> Float[Array, " n"]:

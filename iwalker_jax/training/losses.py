@@ -22,6 +22,8 @@ from iwalker_jax.planning.footsteps import closest_on_path, footstep_sides
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry, pre_impact_planes
 from iwalker_jax.training.maps import ROUTE_GRID, FrameMaps
 
+_ROUTE_SOFTNESS = 0.05  # [m] below which the distance to the route counts quadratically
+
 
 @dataclass(frozen=True)
 class LossWeights:
@@ -145,7 +147,8 @@ def path_losses(
     to_go = sample_smooth(maps.to_go, ROUTE_GRID, path[-1])
     best = jax.lax.stop_gradient(sample_smooth(maps.to_go, ROUTE_GRID, path[0]))
     # A distance, not its square: between two ways around an obstacle the mean of both is the worst choice.
-    route = jnp.mean(safe_norm(path - resample_by_arc_length(maps.route, path.shape[0]), epsilon=0.05))
+    apart = jnp.sum((path - resample_by_arc_length(maps.route, path.shape[0])) ** 2, axis=-1)
+    route = jnp.mean(jnp.sqrt(apart + _ROUTE_SOFTNESS**2)) - _ROUTE_SOFTNESS
 
     worst = jnp.max(overlap(clearance, models))
     touches = jax.lax.stop_gradient((jnp.min(clearance) < models.traversal.body_radius).astype(path.dtype))

@@ -1,0 +1,98 @@
+"""iPath: published size, both variants' shapes, goals of every kind, and batch rows that ignore their neighbours."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax import nnx
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.planning.ipath import IPath, IPathConfig, reduced_goal
+from iwalker_jax.planning.residual_network import conv2d, max_pool_3x3
+
+LIGHT = IPathConfig()
+
+
+@pytest.fixture(scope="module")
+def light():
+    return functools.partial(nnx.jit(IPath.__call__), IPath(LIGHT, nnx.Rngs(0)))
+
+
+def _count(config: IPathConfig) -> int:
+    shapes = nnx.state(nnx.eval_shape(lambda: IPath(config, nnx.Rngs(0))), nnx.Param)
+    return sum(int(np.prod(leaf.shape)) for leaf in jax.tree.leaves(shapes))
+
+
+def test_paper_network_has_the_published_number_of_parameters():
+    """Oracle: 53.3 M parameters at 360 x 640, 33.6 M of them in the first fully connected layer."""
+    config = IPathConfig(variant="paper", trunk_width=64, height=360, width=640)
+    assert _count(config) == pytest.approx(53.3e6, rel=2e-3)
+    network = nnx.eval_shape(lambda: IPath(config, nnx.Rngs(0)))
+    assert np.prod(network.head.dense1.kernel.shape) == pytest.approx(33.6e6, rel=2e-3)
+
+
+def test_light_network_is_an_order_of_magnitude_smaller():
+    assert _count(LIGHT) < 2e6
+
+
+@pytest.mark.parametrize("config", [LIGHT, IPathConfig(variant="paper", trunk_width=8, goal_is_end=True)])
+def test_output_shapes_and_published_end(config):
+    network = IPath(config, nnx.Rngs(1))
+    goal = jnp.asarray([[2.0, 1.0], [0.0, 0.0]])
+    out = network(jnp.full((2, 90, 160), 2.0), goal)
+    assert out.waypoints.shape == (2, 5, 2)
+    assert out.fear.shape == (2,)
+    assert np.isfinite(out.waypoints).all()
+    if config.goal_is_end:
+        np.testing.assert_allclose(out.waypoints[:, -1], goal)
+
+
+def test_rows_do_not_depend_on_their_neighbours(light):
+    depth = jax.random.uniform(jax.random.key(0), (3, 90, 160), maxval=5.0)
+    goal = jnp.asarray([[2.0, 0.0], [1.0, 1.0], [3.0, -1.0]])
+    together = light(depth, goal).waypoints
+    changed = light(depth.at[1:].set(0.0), goal).waypoints
+    np.testing.assert_allclose(together[0], changed[0], rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("goal", [(0.0, 0.0), (-3.0, 0.5), (100.0, 0.0), (1e30, 1e30), (np.nan, 1.0), (np.inf, 0.0)])
+def test_any_goal_gives_a_finite_path(light, goal):
+    out = light(jnp.zeros((1, 90, 160)), jnp.asarray([goal]))
+    assert np.isfinite(out.waypoints).all()
+    assert np.isfinite(out.fear).all()
+
+
+def test_far_goals_keep_their_bearing():
+    goal = reduced_goal(jnp.asarray([300.0, -400.0]), 6.0)
+    np.testing.assert_allclose(goal, [3.6, -4.8], rtol=1e-5)
+    np.testing.assert_allclose(reduced_goal(jnp.asarray([1.0, 2.0]), 6.0), [1.0, 2.0], rtol=1e-6)
+
+
+def test_max_pool_equals_numpy_windows():
+    """Oracle: the maximum over explicit 3 x 3 windows of a padded array."""
+    x = np.random.default_rng(0).normal(size=(1, 7, 10, 2)).astype(np.float32)
+    padded = np.pad(x, ((0, 0), (1, 1), (1, 1), (0, 0)), constant_values=-np.inf)
+    expected = np.stack(
+        [[padded[0, 2 * i : 2 * i + 3, 2 * j : 2 * j + 3].max(axis=(0, 1)) for j in range(5)] for i in range(4)]
+    )
+    np.testing.assert_array_equal(max_pool_3x3(jnp.asarray(x))[0], expected)
+
+
+def test_convolution_equals_a_direct_sum():
+    """Oracle: NumPy loops over the kernel."""
+    rng = np.random.default_rng(1)
+    x, kernel = rng.normal(size=(1, 6, 8, 3)), rng.normal(size=(3, 3, 3, 4))
+    padded = np.pad(x, ((0, 0), (1, 1), (1, 1), (0, 0)))
+    expected = sum(padded[:, i : i + 5 : 2, j : j + 7 : 2] @ kernel[i, j] for i in range(3) for j in range(3))
+    got = conv2d(jnp.asarray(x, jnp.float32), jnp.asarray(kernel, jnp.float32), 2, 1)
+    np.testing.assert_allclose(got, expected, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"), [({"variant": "huge"}, "variant"), ({"height": 32}, "90|64"), ({"waypoints": 1}, "waypoints")]
+)
+def test_impossible_configurations_are_refused_in_one_sentence(change, word):
+    with pytest.raises(InputError, match=word):
+        IPathConfig(**change)
