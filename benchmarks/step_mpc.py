@@ -115,7 +115,7 @@ def compare(title: str, plan: Plan, low: np.ndarray, high: np.ndarray, config: C
     first = tuple(x[0] for x in problems)
     one, many = jax.jit(plan), jax.jit(jax.vmap(plan))
     slope = jax.jit(jax.grad(lambda f, x, h: jnp.sum((jax.vmap(plan)(f, x, h)[0] - f) ** 2), (0, 1)))
-    footsteps, status = many(*problems)
+    footsteps, status = jax.jit(jax.vmap(plan))(*problems)
     good = np.asarray(status) == Status.CONVERGED
     error = 1e3 * float(np.abs(np.asarray(footsteps)[good] - exact[good]).max())
     print(f"\n{title}: {good.sum()} of {len(good)} converged")

@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.box_qp import PENALTIES, bound_solver, find_active_set
-from iwalker_jax.optimization.hlip import HlipParameters, Modes, divergent_component, field_values, modes
+from iwalker_jax.optimization.hlip import HlipParameters, Modes, divergent_component, modes
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
 from iwalker_jax.optimization.step_mpc import kkt_solver
 from iwalker_jax.optimization.step_problem import (
@@ -19,7 +19,13 @@ from iwalker_jax.optimization.step_problem import (
     sanitise,
     tracking_problem,
 )
-from iwalker_jax.optimization.step_reach import StepReach, capture_margin, heading_axes, step_bounds
+from iwalker_jax.optimization.step_reach import (
+    StepReach,
+    capture_margin,
+    heading_axes,
+    sanitise_reach,
+    step_bounds,
+)
 from iwalker_jax.optimization.step_riccati import Kkt
 
 _PENALTY = 50.0  # ADMM's base penalty over the mean curvature of the cost, by measurement
@@ -50,10 +56,11 @@ def solve_bounded_step_mpc(
             bounds held.
 
     Returns:
-        Solution whose value is a `StepPlan` within reach, whatever the status. INFEASIBLE: no steps within reach
-        keep the COM bounded; the plan catches the state where the true one, moved towards the middle of the
-        catchable set, enters it, and the residual tells how far beyond the true one lies (0.1 is 10 %).
-        MAX_ITERATIONS: the active bounds were not found; the steps are approximate and xi_0 is not the robot's.
+        Solution whose value is a `StepPlan` within reach, whatever the status. INFEASIBLE: the bounds contradict
+        each other, or no steps within reach keep the COM bounded; the plan then catches the state where the true
+        one, moved towards the middle of the catchable set, enters it, and the residual tells how far beyond the
+        true one lies (0.1 is 10 %). MAX_ITERATIONS: the active bounds were not found; the steps are approximate
+        and the plan's initial xi is not the robot's.
 
     Raises:
         InputError: on wrong shapes or an unknown gradient mode.
@@ -69,12 +76,11 @@ def solve_bounded_step_mpc(
             (footsteps, initial_state, headings, reach, parameters, weights)
         )
     footsteps, initial_state, parameters, weights, usable = sanitise(footsteps, initial_state, parameters, weights)
-    limits = jnp.stack([jnp.asarray(x, dtype) for x in field_values(reach)])
+    reach, known, empty = sanitise_reach(reach, dtype)
     stance = jnp.asarray(stance, dtype)
-    usable &= jnp.all(jnp.isfinite(headings)) & jnp.all(jnp.isfinite(limits)) & (jnp.abs(stance) == 1)
+    usable &= known & jnp.all(jnp.isfinite(headings)) & (jnp.abs(stance) == 1)
     headings = jnp.where(jnp.isfinite(headings), headings, 0)
-    limits = jnp.where(jnp.all(jnp.isfinite(limits)), limits, jnp.asarray(field_values(StepReach()), dtype))
-    low, high = step_bounds(StepReach(*limits), jnp.where(stance < 0, -1, 1), horizon)
+    low, high = step_bounds(reach, jnp.where(stance < 0, -1, 1), horizon)
     axes = heading_axes(headings)
     form = modes(parameters)
     cost = modal_cost(form, weights)
@@ -115,11 +121,11 @@ def solve_bounded_step_mpc(
 
     outside = jnp.max(jnp.maximum(landing - box[1], box[0] - landing))
     wrong = jnp.max(-forces.ravel() * found.sides) * scale
-    error = jnp.maximum(jnp.maximum(outside, wrong), 0) / limits[0]
+    error = jnp.maximum(jnp.maximum(outside, wrong), 0) / reach.sagittal
     residual = jnp.maximum(kkt_residual(cost, form.pole, point, push), error)
     converged = residual <= jnp.sqrt(jnp.finfo(dtype).eps)
     status = jnp.where(converged, Status.CONVERGED, Status.MAX_ITERATIONS)
-    status = jnp.where(excess > 0, Status.INFEASIBLE, status).astype(jnp.int32)
+    status = jnp.where((excess > 0) | empty, Status.INFEASIBLE, status).astype(jnp.int32)
     residual = jax.lax.stop_gradient(jnp.maximum(residual, excess))
     within = jnp.einsum("kij,ki->kj", axes, found.within.reshape(horizon, 2))
     safe = hold_steps(form, within, steps, gait, caught)

@@ -8,18 +8,16 @@ for both planes alike. A cost of footsteps and inputs alone says nothing of the 
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.hlip import HlipParameters, Modes, field_values, require_range
+from iwalker_jax.optimization.hlip import HlipParameters, Modes, Scalar, field_values, require_range
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
 from iwalker_jax.optimization.step_riccati import Kkt, StepCost, apply_kkt, weigh_states
-
-Scalar = Any
 
 
 @jax.tree_util.register_dataclass

@@ -5,12 +5,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.hlip import require_range
+from iwalker_jax.optimization.hlip import Scalar, field_values, require_range
 
-Scalar = Any
+_LEAST = 1e-3  # room [m] below which two bounds count as contradicting
 
 
 @jax.tree_util.register_dataclass
@@ -33,10 +33,25 @@ class StepReach:
         require_range(self, "lateral_min", -10.0, 10.0, "m")
         require_range(self, "lateral_max", -10.0, 10.0, "m")
         plain = [x for x in (self.lateral_min, self.lateral_max) if isinstance(x, (int, float))]
-        if len(plain) == 2 and plain[0] >= plain[1]:
+        if len(plain) == 2 and plain[1] - plain[0] < _LEAST:
             raise InputError(
-                f"StepReach.lateral_min {plain[0]} m is not below lateral_max {plain[1]} m; swap or widen them."
+                f"StepReach.lateral_min {plain[0]} m is not 1 mm below lateral_max {plain[1]} m; widen them."
             )
+
+
+def sanitise_reach(reach: StepReach, dtype: Any) -> tuple[StepReach, Bool[Array, ""], Bool[Array, ""]]:
+    """Bounds that leave room, whether all were finite, and whether they contradicted each other.
+
+    Contradicting traced bounds are moved as little as leaves a millimetre; non-finite ones become the defaults.
+    """
+    limits = jnp.stack([jnp.asarray(x, dtype) for x in field_values(reach)])
+    finite = jnp.all(jnp.isfinite(limits))
+    sagittal, nearest, farthest = jnp.where(finite, limits, jnp.asarray(field_values(StepReach()), dtype))
+    empty = (sagittal < _LEAST) | (farthest - nearest < _LEAST)
+    middle = (nearest + farthest) / 2
+    nearest = jnp.where(farthest - nearest < _LEAST, middle - _LEAST / 2, nearest)
+    farthest = jnp.maximum(farthest, nearest + _LEAST)
+    return StepReach(jnp.maximum(sagittal, _LEAST), nearest, farthest), finite, empty
 
 
 def step_bounds(
@@ -77,7 +92,7 @@ def capture_margin(
     in its last heading with alternating feet.
 
     Returns:
-        The ratio, 0 at the centre and 1 on the boundary (infinite if a bound is empty); the centre (2,) [m].
+        The ratio, 0 at the centre and 1 on the boundary; the centre (2,) [m].
     """
     shrink = pole ** -jnp.arange(axes.shape[0] + 1, dtype=low.dtype)
     middle, half = (low + high) / 2, (high - low) / 2
@@ -89,5 +104,4 @@ def capture_margin(
     centre = jnp.einsum("kij,ki->j", all_axes, middles)
     normals = axes.reshape(-1, 2)
     width = jnp.einsum("ki,dki->d", halves, jnp.abs(jnp.einsum("dj,kij->dki", normals, all_axes)))
-    ratio = jnp.max(jnp.abs(normals @ (divergent - centre)) / width)
-    return jnp.where(jnp.all(half > 0), ratio, jnp.inf), centre
+    return jnp.max(jnp.abs(normals @ (divergent - centre)) / width), centre

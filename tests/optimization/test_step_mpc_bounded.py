@@ -195,6 +195,15 @@ def test_hopeless_push_is_reported(x64):
     assert np.abs(solution.value.states[:, :, 1]).max() < 1.0
 
 
+def test_contradicting_bounds_are_reported(x64):
+    """Property: traced bounds that leave no room are INFEASIBLE; the plan lies between them."""
+    footsteps, state, headings = rough_walk(0, noise=0.0, kick=0.0)
+    solution = solve(footsteps, state, 1.0, headings, (0.2, 0.1, 0.08))
+    assert solution.status == Status.INFEASIBLE and np.isfinite(solution.residual)
+    lateral = in_heading(np.asarray(solution.value.inputs), headings)[:, 1]
+    np.testing.assert_allclose(np.abs(lateral), 0.09, atol=6e-4)
+
+
 def test_failed_search_stays_within_reach(x64, monkeypatch):
     """Oracle: the bounds and the step map. Without rounds the plan is approximate, flagged, and within reach."""
     monkeypatch.setattr(box_qp, "_ROUNDS", 0)

@@ -6,7 +6,13 @@ import pytest
 from scipy.optimize import linprog
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.step_reach import StepReach, capture_margin, heading_axes, step_bounds
+from iwalker_jax.optimization.step_reach import (
+    StepReach,
+    capture_margin,
+    heading_axes,
+    sanitise_reach,
+    step_bounds,
+)
 
 
 def test_bounds_by_hand():
@@ -40,14 +46,29 @@ def test_capture_margin_equals_linear_program(x64, seed):
     np.testing.assert_allclose(ratio, 1 / result.x[-1], rtol=1e-6)
 
 
-def test_empty_bounds_catch_nothing():
-    """Property: crossed bounds leave an infinite ratio, not NaN."""
-    low, high = jnp.ones((2, 2)), -jnp.ones((2, 2))
-    axes = heading_axes(jnp.zeros(2))
-    assert capture_margin(jnp.asarray(2.0), axes, low, high, jnp.zeros(2))[0] == jnp.inf
+@pytest.mark.parametrize(
+    ("limits", "finite", "empty"),
+    [
+        ((0.2, 0.04, 0.2), True, False),
+        ((0.2, 0.1, 0.05), True, True),
+        ((-0.1, 0.04, 0.2), True, True),
+        ((0.2, np.nan, 0.2), False, False),
+    ],
+)
+def test_contradicting_bounds_are_told(limits, finite, empty):
+    """Oracle: by hand; the bounds returned always leave a millimetre, and good ones are untouched."""
+    reach, was_finite, was_empty = sanitise_reach(StepReach(*jnp.asarray(limits)), jnp.float32)
+    assert (bool(was_finite), bool(was_empty)) == (finite, empty)
+    assert reach.sagittal >= 0.999e-3 and reach.lateral_max - reach.lateral_min > 0.99e-3
+    if finite and not empty:
+        np.testing.assert_allclose([reach.sagittal, reach.lateral_min, reach.lateral_max], limits, rtol=1e-6)
+    if limits[1] > limits[2]:
+        np.testing.assert_allclose((reach.lateral_min + reach.lateral_max) / 2, 0.075, rtol=1e-5)
 
 
-@pytest.mark.parametrize(("fields", "match"), [({"sagittal": -1.0}, "sagittal"), ({"lateral_min": 0.3}, "below")])
+@pytest.mark.parametrize(
+    ("fields", "match"), [({"sagittal": -1.0}, "sagittal"), ({"lateral_min": 0.3}, "below lateral_max")]
+)
 def test_bad_reach_is_refused(fields, match):
     """The message names the field."""
     with pytest.raises(InputError, match=match):
