@@ -24,7 +24,8 @@ class ObstacleRules:
         max_height: [m] above the floor; the robot walks under higher points.
         tolerance_range: [m] distance from the camera up to which min_height holds.
         tolerance_slope: [m/m] growth of min_height beyond tolerance_range: depth noise and an error of the camera's
-            pitch lift far floor points; 0.015 forgives 0.9 degrees.
+            pitch lift far floor points; 0.025 forgives 1.4 degrees and still sees a 0.11 m step at 4 m.
+        max_tolerance: [m] limit of that growth: a step or a drop this high is never floor.
         min_area: [m^2] image area, seen face on, that a small obstacle shows (a strip of 3 cm x 10 cm).
         min_points: fewest points that make a cell occupied, however far.
         max_points: number of points that always suffices, however near.
@@ -32,8 +33,9 @@ class ObstacleRules:
 
     min_height: float = 0.05
     max_height: float = 0.75
-    tolerance_range: float = 2.0
-    tolerance_slope: float = 0.015
+    tolerance_range: float = 1.5
+    tolerance_slope: float = 0.025
+    max_tolerance: float = 0.15
     min_area: float = 0.003
     min_points: int = 2
     max_points: int = 8
@@ -45,6 +47,8 @@ class ObstacleRules:
             raise InputError(
                 f"ObstacleRules needs 0 < min_height < max_height, got {self.min_height} and {self.max_height} m."
             )
+        if not self.min_height <= self.max_tolerance < self.max_height:
+            raise InputError("ObstacleRules needs max_tolerance between min_height and max_height.")
         if self.tolerance_range < 0.0 or self.tolerance_slope < 0.0:
             raise InputError("ObstacleRules needs tolerance_range >= 0 and tolerance_slope >= 0.")
         if self.min_area <= 0.0 or not 1 <= self.min_points <= self.max_points:
@@ -93,16 +97,18 @@ def point_planes(depth: Float[Array, "height width"], mount: Float[Array, " 5"],
 
 def classify_points(
     points: PointPlanes, rules: ObstacleRules
-) -> tuple[Bool[Array, "height width"], Bool[Array, "height width"]]:
-    """(floor, obstacle) masks of points by their height above the floor.
+) -> tuple[Bool[Array, "height width"], Bool[Array, "height width"], Bool[Array, "height width"]]:
+    """(floor, obstacle, drop) masks of points by their height above the floor.
 
-    Points above max_height (walked under) and points clearly below the floor (a hole, a stair down) are neither.
+    A drop lies clearly below the floor (a hole, a stair down). Points above max_height are none of the three: the robot
+    walks under them.
     """
     growth = rules.tolerance_slope * jnp.maximum(points.ground_range - rules.tolerance_range, 0.0)
-    min_height = rules.min_height + growth
+    min_height = jnp.minimum(rules.min_height + growth, rules.max_tolerance)
     floor = points.valid & (jnp.abs(points.z) <= min_height)
     obstacle = points.valid & (points.z > min_height) & (points.z < rules.max_height)
-    return floor, obstacle
+    drop = points.valid & (points.z < -min_height)
+    return floor, obstacle, drop
 
 
 def flat_cell_index(
@@ -167,7 +173,7 @@ def occupancy_map(
         rules: obstacle heights and point counts.
     """
     points = point_planes(depth, mount, intrinsics)
-    _, obstacle = classify_points(points, rules)
+    _, obstacle, _ = classify_points(points, rules)
     counts = count_points(flat_cell_index(points, obstacle, grid), grid)
     return occupied_cells(counts, mount[3:5], intrinsics, grid, rules)
 

@@ -9,9 +9,9 @@ from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.collision_map import (
     DEFAULT_RULES,
     ObstacleRules,
+    PointPlanes,
     cell_offsets,
     classify_points,
-    count_points,
     flat_cell_index,
     occupied_cells,
     point_planes,
@@ -31,7 +31,8 @@ class LocalMap(NamedTuple):
     Attributes:
         occupied: (rows, columns) an obstacle between 0.05 m and 0.75 m above the floor was seen here.
         known_free: (rows, columns) seen to be free, or under the robot.
-        unknown: (rows, columns) hidden behind an obstacle, outside the view or never measured.
+        unknown: (rows, columns) hidden behind an obstacle, past the brink of a drop, out of view or never
+            measured.
         esdf: (rows, columns) [m] signed distance to the occupied cells; unknown space does not repel.
         published: (100, 100) the paper's blurred collision map on `PUBLISHED_GRID`.
     """
@@ -85,9 +86,9 @@ def free_and_occupied(
 
     A cell that is not occupied is known free if
       - floor was seen in it; or
-      - it lies nearer to the camera than the first obstacle of its bearing and no farther than the farthest floor
-        or obstacle seen along that bearing. This includes the wedge below the image's lower edge, between the robot
-        and the first surface seen; where nothing was seen along a bearing, the wedge stays unknown; or
+      - it lies nearer to the camera than the first obstacle or drop of its bearing and no farther than the farthest
+        floor or obstacle seen along that bearing. This includes the wedge below the image's lower edge, between the
+        robot and the first surface seen; where nothing was seen along a bearing, the wedge stays unknown; or
       - it lies within BLIND_DISC_RADIUS of the base origin.
 
     Args:
@@ -95,36 +96,50 @@ def free_and_occupied(
         mount, intrinsics, grid, rules: as in `build_local_map`.
     """
     points = point_planes(depth, mount, intrinsics)
-    camera_xy = mount[3:5]
-    floor, obstacle = classify_points(points, rules)
-    cell = flat_cell_index(points, floor | obstacle, grid)
-    outside = grid.rows * grid.columns
+    floor, obstacle, drop = classify_points(points, rules)
+    points = _moved_to_brink(points, drop, mount)
+    cell = flat_cell_index(points, floor | obstacle | drop, grid)
+    cells = grid.rows * grid.columns
 
-    counts = count_points(jnp.where(obstacle, cell, outside), grid)
-    occupied = occupied_cells(counts, camera_xy, intrinsics, grid, rules)
-    floor_seen = jnp.zeros(outside, bool).at[jnp.where(floor, cell, outside).ravel()].set(True, mode="drop")
+    # One scatter counts the points of all three classes; each class has its own layer of cells.
+    layer = jnp.where(obstacle, 0, jnp.where(drop, cells, 2 * cells))
+    index = jnp.where(cell < cells, layer + cell, 3 * cells)
+    counts = jnp.zeros(3 * cells, jnp.int32).at[index.ravel()].add(1, mode="drop").reshape(3, *grid.shape)
+    occupied, brink = (occupied_cells(counts[k], mount[3:5], intrinsics, grid, rules) for k in (0, 1))
+    floor_seen = counts[2] > 0
 
-    # Obstacle points that made no cell occupied are noise and hide nothing; those beyond the map still end the view.
-    confirmed = obstacle & jnp.append(occupied.ravel(), True)[cell]
+    # Points that made no cell occupied are noise and hide nothing; obstacles beyond the map still end the view.
+    confirmed = jnp.concatenate([occupied.ravel(), brink.ravel(), jnp.zeros(cells + 1, bool)])[index]
+    ends = confirmed | (obstacle & (cell == cells))
     bins = _bearing_bin_count(intrinsics)
     pixel_bin = _bearing_bin(points.x - mount[3], points.y - mount[4], points.ground_range, bins)
     ranges = points.ground_range.ravel()
-    confirmed_bin = jnp.where(confirmed, pixel_bin, bins).ravel()
-    first_obstacle = jnp.full(bins, jnp.inf, ranges.dtype).at[confirmed_bin].min(ranges, mode="drop")
-    surface_bin = jnp.where(floor | confirmed, pixel_bin, bins).ravel()
+    end_bin = jnp.where(ends, pixel_bin, bins).ravel()
+    first_end = jnp.full(bins, jnp.inf, ranges.dtype).at[end_bin].min(ranges, mode="drop")
+    surface_bin = jnp.where(floor | (ends & obstacle), pixel_bin, bins).ravel()
     farthest = jnp.zeros(bins, ranges.dtype).at[surface_bin].max(ranges, mode="drop")
 
-    ahead, left = cell_offsets(grid, camera_xy)
+    ahead, left = cell_offsets(grid, mount[3:5])
     cell_range = jnp.sqrt(ahead**2 + left**2)
     cell_bin = _bearing_bin(ahead, left, cell_range, bins)
     half = 0.5 * grid.resolution
-    in_view = (cell_range < first_obstacle.at[cell_bin].get(mode="fill", fill_value=0.0) - half) & (
+    in_view = (cell_range < first_end.at[cell_bin].get(mode="fill", fill_value=0.0) - half) & (
         cell_range <= farthest.at[cell_bin].get(mode="fill", fill_value=0.0)
     )
     base_x, base_y = cell_offsets(grid, jnp.zeros(2))
     blind_disc = base_x**2 + base_y**2 <= BLIND_DISC_RADIUS**2
-    known_free = ~occupied & (in_view | floor_seen.reshape(grid.shape) | blind_disc)
+    known_free = ~occupied & (in_view | floor_seen | blind_disc)
     return occupied, known_free
+
+
+def _moved_to_brink(points: PointPlanes, drop: Bool[Array, "height width"], mount: Float[Array, " 5"]) -> PointPlanes:
+    """Points with those below the floor moved up their rays to the floor plane, where floor is known to be missing."""
+    share = jnp.where(drop, mount[0] / jnp.maximum(mount[0] - points.z, 1e-3), 1.0)
+    return points._replace(
+        x=mount[3] + share * (points.x - mount[3]),
+        y=mount[4] + share * (points.y - mount[4]),
+        ground_range=share * points.ground_range,
+    )
 
 
 def _bearing_bin_count(intrinsics: Intrinsics) -> int:

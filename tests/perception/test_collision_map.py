@@ -57,9 +57,9 @@ def test_a_bare_floor_holds_no_obstacle(mount):
     assert not np.asarray(occupancy(depth, mount.as_array(), INTRINSICS)).any()
 
 
-def test_a_pitch_error_of_half_a_degree_raises_no_phantom_obstacle():
+def test_a_pitch_error_of_a_degree_raises_no_phantom_obstacle():
     depth = render(INTRINSICS, TILTED, [])
-    wrong = TILTED.as_array().at[1].add(np.deg2rad(-0.5))
+    wrong = TILTED.as_array().at[1].add(np.deg2rad(-1.0))
     assert not np.asarray(occupancy(depth, wrong, INTRINSICS)).any()
 
 

@@ -65,9 +65,11 @@ def test_floor_seen_over_a_low_box_is_free():
     assert far.mean() > 0.15 and hidden.all()
 
 
-def test_a_hole_in_the_floor_is_not_free():
-    """A stair down: everything beyond 2 m lies 0.3 m deeper; those cells must not count as free floor."""
-    depth = render(INTRINSICS, MOUNT, [(-1.0, 2.0, -5.0, 5.0, -0.1, 0.0), (-9.0, 20.0, -20.0, 20.0, -0.5, -0.3)], False)
+@pytest.mark.parametrize("wall", [[], [(4.5, 4.7, -9.0, 9.0, -0.5, 2.0)]], ids=["open", "wall opposite"])
+def test_a_drop_is_not_free(wall):
+    """A stairwell beyond 2 m, 0.3 m deep, also when a wall is seen across it: none of its cells is free floor."""
+    landing, well = (-1.0, 2.0, -5.0, 5.0, -0.1, 0.0), (-9.0, 20.0, -20.0, 20.0, -0.5, -0.3)
+    depth = render(INTRINSICS, MOUNT, [landing, well, *wall], floor=False)
     local = build(depth, MOUNT.as_array(), INTRINSICS)
     assert np.asarray(local.known_free)[40:54, 70:90].all()
     assert not np.asarray(local.known_free)[60:, :].any()
