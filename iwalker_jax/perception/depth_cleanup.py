@@ -4,6 +4,7 @@ import math
 
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float, Float32, UInt16
 
 from iwalker_jax.errors import InputError
@@ -102,14 +103,15 @@ def clean_depth(
     valid = (depth > 0.0) & (depth <= max_range)
     depth = jnp.where(valid, depth, 0.0)
     tolerance = 0.03 + 0.02 * depth**2
-    height, width = depth.shape
     padded = jnp.pad(depth, 1)
-    agreeing = jnp.zeros(depth.shape, jnp.int32)
-    for dv in range(3):
-        for du in range(3):
-            if (dv, du) != (1, 1):
-                neighbour = padded[dv : dv + height, du : du + width]
-                agreeing += (neighbour > 0.0) & (jnp.abs(neighbour - depth) < tolerance)
+
+    def count(agreeing: Array, offset: Array) -> tuple[Array, None]:
+        neighbour = lax.dynamic_slice(padded, (offset[0], offset[1]), depth.shape)
+        return agreeing + ((neighbour > 0.0) & (jnp.abs(neighbour - depth) < tolerance)), None
+
+    # A scan, because XLA would copy unrolled comparisons into everything that reads the cleaned image.
+    around = jnp.asarray([(dv, du) for dv in range(3) for du in range(3) if (dv, du) != (1, 1)], jnp.int32)
+    agreeing, _ = lax.scan(count, jnp.zeros(depth.shape, jnp.int32), around)
     return jnp.where(valid & (agreeing >= min_agreeing), depth, 0.0)
 
 
