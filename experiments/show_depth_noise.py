@@ -40,7 +40,8 @@ class FrameStatistics(NamedTuple):
     """What tells one depth sensor from another, measured on successive frames of a static view.
 
     Attributes:
-        std_median, std_p95: [m] temporal standard deviation of always-valid pixels in each of `RANGES`; NaN if none.
+        std_median, std_p95: [m] temporal standard deviation of always-valid pixels in each of `RANGES`; NaN where
+            they are less than 1 % of the image.
         flicker: fraction of pixels that turn valid or invalid from one frame to the next.
         invalid: fraction of pixels without a return.
         holes: number of connected invalid regions of at least 5 px of a 640 px wide image (1 px of smaller ones).
@@ -63,6 +64,7 @@ def frame_statistics(frames: np.ndarray) -> FrameStatistics:
     always = valid.all(axis=0)
     mean, std = frames.mean(axis=0), frames.std(axis=0, ddof=1)
     groups = [std[always & (mean >= low) & (mean < high)] for low, high in RANGES]
+    groups = [group if group.size >= 0.01 * mean.size else np.array([np.nan]) for group in groups]
     smallest = max(1.0, 5.0 * (frames.shape[2] / 640.0) ** 2)
     holes = [
         np.sum(
@@ -71,8 +73,8 @@ def frame_statistics(frames: np.ndarray) -> FrameStatistics:
         for v in valid
     ]
     return FrameStatistics(
-        std_median=tuple(float(np.median(g)) if g.size else float("nan") for g in groups),
-        std_p95=tuple(float(np.percentile(g, 95)) if g.size else float("nan") for g in groups),
+        std_median=tuple(float(np.median(g)) for g in groups),
+        std_p95=tuple(float(np.percentile(g, 95)) for g in groups),
         flicker=float(np.mean(valid[1:] != valid[:-1])),
         invalid=float(np.mean(~valid)),
         holes=float(np.mean(holes)),
