@@ -171,6 +171,9 @@ def backward_sweep(
             Iww = jnp.where(w_held, 0.0, jnp.where(a_held, 1 / A, Iww))
             Iaa = jnp.where(a_held, 0.0, jnp.where(w_held, 1 / C, Iaa))
             Iwa = jnp.where(w_held | a_held, 0.0, Iwa)
+            # A held control has no say in whether the optimum is a minimum.
+            free = jnp.minimum(jnp.where(w_held, jnp.inf, A / Rw), jnp.where(a_held, jnp.inf, C / Ra))
+            curvature = jnp.where(w_held | a_held, free - shift, curvature)
             if parameters.speed_bound is not None:
                 target = a + ka
                 gain = jnp.inf if parameters.acceleration_bound is None else parameters.acceleration_bound

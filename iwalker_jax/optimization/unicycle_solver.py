@@ -13,10 +13,11 @@ from iwalker_jax.optimization.unicycle_gradients import TrackingInputs
 from iwalker_jax.optimization.unicycle_starts import STARTS, coarse_grid, starting_motions
 
 # Step lengths tried side by side.
-_STEPS = (1.0, 0.5, 0.2, 0.05)
+_STEPS = (1.0, 0.3)
 # Less convex stages (relative to the control weights) make the quadratic model explode on its way back.
 _CURVATURE_FLOOR = 0.1
-# A start is given up when even this many times the promised decrease would leave it behind the best one.
+# A start is given up when even this many times the promised decrease would leave it behind the best one. Promises far
+# from an optimum say little about the end: smaller factors miss it more often.
 _OPTIMISM = 100.0
 # The coarse grid's answer is only a start, so it need not be better than this.
 _COARSE_TOLERANCE = 0.03
@@ -87,15 +88,21 @@ def advance(
     lanes = iterate.cost.shape[0]
     repeated = jax.tree.map(lambda leaf: jnp.tile(leaf, len(_STEPS)), (old, iterate.policy, reference, inputs.weights))
     tried = jnp.repeat(jnp.asarray(_STEPS, iterate.cost.dtype), lanes)
-    costs = forward_sweep(repeated[0], repeated[1], tried, repeated[2], repeated[3], grid, parameters)[1]
-    least, best = jnp.full_like(iterate.cost, jnp.inf), jnp.zeros_like(iterate.cost)
-    for step, cost in zip(_STEPS, lax.stop_gradient(costs).reshape(len(_STEPS), lanes)):
-        better = cost < least
-        least, best = jnp.where(better, cost, least), jnp.where(better, step, best)
+    moved, costs = forward_sweep(*repeated[:2], tried, *repeated[2:], grid, parameters)
+    moved = Trajectory(*(leaf.reshape(leaf.shape[0], len(_STEPS), lanes) for leaf in moved))
+    best, least, new = (
+        jnp.full_like(iterate.cost, _STEPS[0]),
+        costs[:lanes],
+        Trajectory(*(leaf[:, 0] for leaf in moved)),
+    )
+    for k in range(1, len(_STEPS)):
+        cost = costs[k * lanes : (k + 1) * lanes]
+        better = ~(least <= cost)
+        best, least = jnp.where(better, _STEPS[k], best), jnp.where(better, cost, least)
+        new = Trajectory(*(jnp.where(better, leaf[:, k], kept) for leaf, kept in zip(moved, new)))
     # Near the optimum the change of the cost drowns in rounding; such steps still improve the plan.
     rounding = 4 * jnp.finfo(least.dtype).eps * iterate.cost
     accepted = active & (least <= iterate.cost + rounding)
-    new, cost = forward_sweep(old, iterate.policy, best, reference, inputs.weights, grid, parameters)
     trajectory = Trajectory(*(jnp.where(accepted, a, b) for a, b in zip(new, old)))
     raised = jnp.where(iterate.damping < 1e-2, 1e-1, 8 * iterate.damping)
     lowered = jnp.where(iterate.damping < 5e-3, 0.0, 0.2 * iterate.damping)
@@ -105,7 +112,7 @@ def advance(
         trajectory, reference, inputs.weights, damping, _CURVATURE_FLOOR, grid, parameters
     )
     curvature = jnp.min(inverse.curvature, axis=0)
-    cost = jnp.where(accepted, cost, iterate.cost)
+    cost = jnp.where(accepted, least, iterate.cost)
     return Iterate(trajectory, cost, policy, promised, curvature, damping, iterate.count + active)
 
 
