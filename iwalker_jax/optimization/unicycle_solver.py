@@ -21,6 +21,7 @@ _CURVATURE_FLOOR = 0.1
 _OPTIMISM = 100.0
 # The coarse grid's answer is only a start, so it need not be better than this.
 _COARSE_TOLERANCE = 0.03
+_COARSE_ITERATIONS = 16
 
 
 class Iterate(NamedTuple):
@@ -122,6 +123,7 @@ def _improve(
     grid: Grid,
     rivals: int,
     tolerance: float,
+    iterations: int,
     parameters: UnicycleParameters,
 ) -> Iterate:
     """Advance all lanes until none is unfinished; `rivals` starts of each problem compete and losers are given up."""
@@ -131,7 +133,7 @@ def _improve(
         leader = jnp.tile(jnp.min(iterate.cost.reshape(rivals, -1), axis=0), rivals)
         hopeless = iterate.cost - _OPTIMISM * iterate.promised > leader
         unfinished = ~(residual(iterate, inputs, parameters) <= tolerance)
-        return unfinished & ~hopeless & (iterate.count < parameters.max_iterations)
+        return unfinished & ~hopeless & (iterate.count < iterations)
 
     def body(carry):
         iterate, mask = carry
@@ -163,7 +165,9 @@ def solve_lanes(
     rivals = jax.tree.map(lambda leaf: jnp.tile(leaf, STARTS), few)
     flat, grid = (mass.shape[0], -1), Grid(parameters.dt * steps, mass, steps)
     first = begin(rivals, speed.reshape(flat), theta.reshape(flat), grid, parameters)
-    found = _improve(first, rivals, grid, STARTS, _COARSE_TOLERANCE, parameters)
+    found = _improve(
+        first, rivals, grid, STARTS, _COARSE_TOLERANCE, min(_COARSE_ITERATIONS, parameters.max_iterations), parameters
+    )
 
     grouped = (-1, STARTS, inputs.speed.shape[0])
     cost = found.cost.reshape(grouped[1:])
@@ -176,6 +180,6 @@ def solve_lanes(
     speed, theta = interpolation @ best_speed, interpolation @ best_theta
     grid = uniform_grid(inputs.x[:, :1], parameters.dt)
     first = begin(inputs, speed, theta, grid, parameters)
-    solved = _improve(first, inputs, grid, 1, parameters.tolerance, parameters)
+    solved = _improve(first, inputs, grid, 1, parameters.tolerance, parameters.max_iterations, parameters)
     spent = jnp.max(found.count.reshape(grouped[1:]), axis=0)
     return solved._replace(count=solved.count + spent), speed, theta
