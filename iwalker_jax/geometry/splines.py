@@ -49,26 +49,47 @@ def arc_length(path: Float[Array, "n 2"]) -> Float[Array, " n"]:
 
 
 def sample_at_arc_length(path: Float[Array, "n 2"], distances: Float[Array, " m"]) -> Float[Array, "m 2"]:
-    """Points [m] at the given distances [m] along a polyline; beyond its ends the end points are returned."""
+    """Points [m] at the given distances [m] along a path; beyond its ends the end points are returned."""
     return interpolate_along(arc_length(path), path, distances)
 
 
 def interpolate_along(
     lengths: Float[Array, " n"], values: Float[Array, "n d"], distances: Float[Array, " m"]
 ) -> Float[Array, "m d"]:
-    """Piecewise-linear values at given distances of a quantity known at the (non-decreasing) lengths."""
+    """Values at given distances of a quantity known at the (non-decreasing) lengths; its end values beyond the ends.
+
+    Cubic Hermite pieces with finite-difference slopes: linear pieces would put a kink into the gradient wherever a
+    distance passes a length, which for an almost even path is everywhere at once.
+    """
     after = jnp.clip(jnp.searchsorted(lengths, distances, side="right", method="scan_unrolled"), 1, len(lengths) - 1)
     before = after - 1
+    slopes = _slopes(lengths, values)
     gap = lengths[after] - lengths[before]
-    positive = gap > 0
-    # A repeated point makes a zero-length segment: take its first end, with a zero (not NaN) gradient.
-    fraction = jnp.where(positive, (distances - lengths[before]) / jnp.where(positive, gap, 1.0), 0.0)
-    fraction = jnp.clip(fraction, 0.0, 1.0)[:, None]
-    return values[before] * (1 - fraction) + values[after] * fraction
+    # A repeated point makes a zero-length piece: take its first end, with a zero (not NaN) gradient.
+    t = jnp.clip(_ratio(distances - lengths[before], gap), 0.0, 1.0)[:, None]
+    gap = gap[:, None]
+    return (
+        (2 * t**3 - 3 * t**2 + 1) * values[before]
+        + (t**3 - 2 * t**2 + t) * gap * slopes[before]
+        + (3 * t**2 - 2 * t**3) * values[after]
+        + (t**3 - t**2) * gap * slopes[after]
+    )
+
+
+def _slopes(lengths: Float[Array, " n"], values: Float[Array, "n d"]) -> Float[Array, "n d"]:
+    """Derivatives by central differences, one-sided at the ends; zero where the length does not grow."""
+    rise = jnp.concatenate([values[1:2] - values[:1], values[2:] - values[:-2], values[-1:] - values[-2:-1]])
+    run = jnp.concatenate([lengths[1:2] - lengths[:1], lengths[2:] - lengths[:-2], lengths[-1:] - lengths[-2:-1]])
+    return _ratio(rise, run[:, None])
+
+
+def _ratio(numerator: Float[Array, "*n"], denominator: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    positive = denominator > 0
+    return jnp.where(positive, numerator / jnp.where(positive, denominator, 1.0), 0.0)
 
 
 def resample_by_arc_length(path: Float[Array, "n 2"], n_samples: int) -> Float[Array, "m 2"]:
-    """The same polyline with evenly spaced points [m]; ends included."""
+    """The same path with evenly spaced points [m]; ends included."""
     total = arc_length(path)[-1]
     return sample_at_arc_length(path, jnp.linspace(0.0, 1.0, n_samples, dtype=path.dtype) * total)
 

@@ -9,6 +9,7 @@ from flax import nnx
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject
 from iwalker_jax.planning.residual_network import Conv, Trunk, trunk_size
 
 
@@ -24,6 +25,9 @@ class IPathConfig:
         hidden: units of the light variant's fully connected layers.
         goal_reach: [m] goals farther than this are pulled in along their bearing before the network sees them.
         nearest_depth: [m] where the light variant's inverse-depth input saturates.
+        camera: nominal camera, with which the light variant turns pixels into points; the true one may differ by the
+            gait's sway, which the network learns to see from the floor.
+        mount: its nominal mount.
         goal_is_end: replace the last waypoint by the goal, as published; otherwise the end point is free.
     """
 
@@ -35,6 +39,8 @@ class IPathConfig:
     hidden: int = 256
     goal_reach: float = 6.0
     nearest_depth: float = 0.3
+    camera: Intrinsics = Intrinsics()
+    mount: CameraMount = CameraMount()
     goal_is_end: bool = False
 
     def __post_init__(self) -> None:
@@ -75,7 +81,7 @@ class IPath(nnx.Module):
     def __init__(self, config: IPathConfig, rngs: nnx.Rngs):
         self.config = config
         head = _PaperHead if config.variant == "paper" else _LightHead
-        self.trunk = Trunk(1 if config.variant == "paper" else 4, config.trunk_width, rngs)
+        self.trunk = Trunk(1 if config.variant == "paper" else _LIGHT_CHANNELS, config.trunk_width, rngs)
         self.head = head(config, rngs)
 
     def __call__(self, depth: Float[Array, "batch h w"], goal: Float[Array, "batch 2"]) -> IPathOutput:
@@ -90,23 +96,52 @@ class IPath(nnx.Module):
         if config.variant == "paper":
             features = self.trunk(depth[..., None])
         else:
-            features = self.trunk(_light_input(depth, config))
+            features = self.trunk(_light_input(depth, near_goal, config))
         waypoints, fear = self.head(features, near_goal)
         if config.goal_is_end:
             waypoints = waypoints.at[:, -1].set(near_goal)
         return IPathOutput(waypoints, fear)
 
 
-def _light_input(depth: Float[Array, "batch h w"], config: IPathConfig) -> Float[Array, "batch h w 4"]:
-    """Inverse depth, validity and the two image coordinates.
+_LIGHT_CHANNELS = 6
 
-    A flat floor is an affine function of the pixel in inverse depth, so obstacles are departures from a plane there.
+
+def _light_input(
+    depth: Float[Array, "batch h w"], goal: Float[Array, "batch 2"], config: IPathConfig
+) -> Float[Array, "batch h w c"]:
+    """What the light variant sees in each pixel: inverse depth, and where its point lies relative to the goal.
+
+    Height above the nominal floor, progress along the straight line to the goal and signed distance from that line
+    make an obstacle on the way look the same wherever the goal is; a network that has to turn pixels into metres by
+    itself needs many times the frames.
     """
     valid = (depth > 0).astype(depth.dtype)
     inverse = valid / jnp.maximum(depth, config.nearest_depth)
-    rows = jnp.broadcast_to(jnp.linspace(-1.0, 1.0, depth.shape[1])[None, :, None], depth.shape)
+    points = jax.vmap(lambda image: backproject(image, config.camera, config.mount.as_array()))(depth)
+    ahead, lateral = _goal_axes(goal)
+    distance = jnp.sqrt(jnp.sum(goal**2, axis=-1) + 1e-2)[:, None, None]
+    along = jnp.einsum("bhwk,bk->bhw", points[..., :2], ahead) / distance
+    across = jnp.einsum("bhwk,bk->bhw", points[..., :2], lateral)
+    height = jnp.clip(points[..., 2], -0.3, 1.2)
     columns = jnp.broadcast_to(jnp.linspace(-1.0, 1.0, depth.shape[2])[None, None, :], depth.shape)
-    return jnp.stack([inverse, valid, rows.astype(depth.dtype), columns.astype(depth.dtype)], axis=-1)
+    return jnp.stack(
+        [
+            inverse,
+            2.0 * valid * height,
+            valid * jnp.clip(along, -0.5, 2.0),
+            valid * jnp.tanh(across),
+            valid * jnp.tanh(4.0 * across),
+            columns.astype(depth.dtype),
+        ],
+        axis=-1,
+    )
+
+
+def _goal_axes(goal: Float[Array, "batch 2"]) -> tuple[Float[Array, "batch 2"], Float[Array, "batch 2"]]:
+    """Unit vectors towards the goal and to its left; forward and left for a goal at the robot's feet."""
+    distance = jnp.sqrt(jnp.sum(goal**2, axis=-1, keepdims=True) + 1e-12)
+    ahead = jnp.where(distance > 1e-3, goal / distance, jnp.asarray([1.0, 0.0], goal.dtype))
+    return ahead, jnp.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
 
 
 class _LightHead(nnx.Module):
@@ -132,10 +167,12 @@ class _LightHead(nnx.Module):
         joint = jnp.concatenate([image, jax.nn.relu(self.goal(embedded))], axis=-1)
         joint = jax.nn.relu(self.hidden1(joint))
         joint = joint + jax.nn.relu(self.hidden2(joint))
-        # Waypoints are departures from the evenly divided straight line, which is right in free space.
+        # Waypoints are departures from the evenly divided straight line, along it and across it.
         fractions = (jnp.arange(self.count) + 1.0) / self.count
         line = fractions[None, :, None] * goal[:, None, :]
         departure = self.waypoints(joint).reshape(batch, self.count, 2)
+        ahead, lateral = _goal_axes(goal)
+        departure = departure[..., :1] * ahead[:, None] + departure[..., 1:] * lateral[:, None]
         return line + departure, self.fear(joint)[:, 0]
 
 

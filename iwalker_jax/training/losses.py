@@ -34,6 +34,7 @@ class LossWeights:
         route: [1/m] mean distance between the path and the best route through what the frame itself shows: the optimum
             of a third lower level, a geodesic planner. The costs below are flat behind obstacles and leave a path
             that starts through a wall there; this term shows it the way around.
+        arrival: [1/m] distance between the path's end and that route's end.
         regret: [1/m] cost of the path plus the cost-to-go from its end, minus the cost-to-go from the robot: zero
             for the best route through the frame's own map. The published method replaces the last waypoint by the
             goal instead, which leaves goals inside, behind or beyond obstacles without an answer.
@@ -49,6 +50,7 @@ class LossWeights:
 
     tracking: float = 40.0
     route: float = 3.0
+    arrival: float = 1.0
     regret: float = 0.3
     progress: float = 0.1
     clearance: float = 2.0
@@ -93,6 +95,7 @@ class PathLosses(NamedTuple):
 
     tracking: Float[Array, ""]
     route: Float[Array, ""]
+    arrival: Float[Array, ""]
     regret: Float[Array, ""]
     progress: Float[Array, ""]
     clearance: Float[Array, ""]
@@ -148,12 +151,21 @@ def path_losses(
     best = jax.lax.stop_gradient(sample_smooth(maps.to_go, ROUTE_GRID, path[0]))
     # A distance, not its square: between two ways around an obstacle the mean of both is the worst choice.
     apart = jnp.sum((path - resample_by_arc_length(maps.route, path.shape[0])) ** 2, axis=-1)
-    route = jnp.mean(jnp.sqrt(apart + _ROUTE_SOFTNESS**2)) - _ROUTE_SOFTNESS
+    apart = jnp.sqrt(apart + _ROUTE_SOFTNESS**2) - _ROUTE_SOFTNESS
 
     worst = jnp.max(overlap(clearance, models))
     touches = jax.lax.stop_gradient((jnp.min(clearance) < models.traversal.body_radius).astype(path.dtype))
     fear_loss = jnp.logaddexp(0.0, fear) - touches * fear
-    return PathLosses(tracking, route, spent + to_go - best, to_go, worst, fear_loss, solution.gradient_valid)
+    return PathLosses(
+        tracking=tracking,
+        route=jnp.mean(apart),
+        arrival=apart[-1],
+        regret=spent + to_go - best,
+        progress=to_go,
+        clearance=worst,
+        fear=fear_loss,
+        converged=solution.gradient_valid,
+    )
 
 
 def step_losses(

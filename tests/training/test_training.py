@@ -1,0 +1,135 @@
+"""Training: a resumed run equals an uninterrupted one, two devices equal one, and broken batches are survived."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.training import loop
+from iwalker_jax.training.batches import frame_order, gather_batch
+from iwalker_jax.training.loop import batch_mesh, train
+from iwalker_jax.training.run_log import MetricsLog, read_metrics
+from iwalker_jax.training.train_step import initial_state, make_optimiser, make_train_step
+from tests.training.conftest import assert_trees_equal
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(small_config, small_data, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("uninterrupted")
+    return folder, train(small_config, small_data, folder, say=lambda text: None)
+
+
+def test_every_epoch_visits_every_frame_once():
+    for epoch in range(3):
+        seen = np.concatenate([frame_order(0, 12, 4, 3 * epoch + k) for k in range(3)])
+        np.testing.assert_array_equal(np.sort(seen), np.arange(12))
+    assert len(frame_order(0, 3, 8, 0)) == 8
+
+
+def test_a_resumed_run_equals_an_uninterrupted_one_bit_for_bit(uninterrupted, small_config, small_data, tmp_path):
+    folder, whole = uninterrupted
+    train(small_config, small_data, tmp_path, stop_after=3, say=lambda text: None)
+    said = []
+    resumed = train(small_config, small_data, tmp_path, say=said.append)
+    assert any("Resuming at step 3" in sentence for sentence in said)
+    assert_trees_equal(whole.state, resumed.state)
+    one, other = (read_metrics(path / "metrics.jsonl") for path in (folder, tmp_path))
+    assert [line["step"] for line in other] == list(range(len(one)))
+    assert [line["total"] for line in one] == [line["total"] for line in other]
+
+
+def test_losses_are_finite_and_written(uninterrupted):
+    folder, result = uninterrupted
+    lines = read_metrics(folder / "metrics.jsonl")
+    assert len(lines) == 6
+    assert all(np.isfinite(list(line.values())).all() for line in lines)
+    assert {"U_path", "U_step", "total", "converged", "gradient_norm", "frames_per_second"} <= set(lines[0])
+    assert not result.interrupted
+    assert result.unsaved is None
+
+
+def test_ctrl_c_keeps_what_was_done(small_config, small_data, tmp_path):
+    def interrupt(progress):
+        if progress.step == 3:
+            raise KeyboardInterrupt
+
+    result = train(small_config, small_data, tmp_path, on_progress=interrupt, say=lambda text: None)
+    assert result.interrupted
+    resumed = []
+    train(small_config, small_data, tmp_path, stop_after=4, say=resumed.append)
+    assert "Resuming at step 3" in resumed[0]
+
+
+def test_two_devices_equal_one(small_config, small_data):
+    """Oracle: the same step on a single device; only the order of the gradient's sums may differ."""
+    optimiser = make_optimiser(small_config, 6)
+    index = jnp.asarray(frame_order(0, 8, 4, 0))
+    one, report_one = make_train_step(small_config, optimiser)(
+        initial_state(small_config, optimiser), small_data, index
+    )
+    two, report_two = make_train_step(small_config, optimiser, batch_mesh(2))(
+        initial_state(small_config, optimiser), small_data, index
+    )
+    assert float(report_two.losses["total"]) == pytest.approx(float(report_one.losses["total"]), rel=1e-5)
+    assert float(report_two.gradient_norm) == pytest.approx(float(report_one.gradient_norm), rel=1e-4)
+    for a, b in zip(jax.tree.leaves(one.params), jax.tree.leaves(two.params), strict=True):
+        np.testing.assert_allclose(a, b, atol=2e-5)
+
+
+def test_uneven_batches_and_missing_devices_are_refused(config_with):
+    with pytest.raises(InputError, match="multiple"):
+        config = config_with(batch_size=3)
+        make_train_step(config, make_optimiser(config, 6), batch_mesh(2))
+    with pytest.raises(InputError, match="present"):
+        batch_mesh(64)
+
+
+def test_a_broken_batch_is_skipped_kept_and_said(small_config, small_data, tmp_path):
+    """A frame whose distance field is NaN must change neither the parameters nor the optimiser."""
+    broken = small_data._replace(esdf=small_data.esdf.at[:].set(jnp.nan))
+    said = []
+    result = train(small_config, broken, tmp_path, stop_after=2, say=said.append)
+    optimiser = make_optimiser(small_config, 6)
+    assert_trees_equal(result.state.params, initial_state(small_config, optimiser).params)
+    assert "not finite" in said[0]
+    with np.load(tmp_path / "broken_batch_000000.npz") as kept:
+        np.testing.assert_array_equal(kept["frame_index"], frame_order(0, 8, 4, 0))
+
+
+def test_a_run_that_only_breaks_gives_up(small_config, small_data, tmp_path, monkeypatch):
+    monkeypatch.setattr(loop, "MAX_BROKEN_STEPS", 2)
+    broken = small_data._replace(esdf=small_data.esdf.at[:].set(jnp.nan))
+    with pytest.raises(FloatingPointError, match="not finite"):
+        train(small_config, broken, tmp_path, say=lambda text: None)
+
+
+def test_mirroring_flips_everything_together(small_config, small_data):
+    """Property: a mirrored row's image, goal and maps are the flipped originals."""
+    arguments = (jnp.arange(4), jax.random.key(3))
+    steps, hlip = small_config.models.steps, small_config.models.hlip
+    plain = gather_batch(small_data, *arguments, False, steps, hlip)
+    mirrored = gather_batch(small_data, *arguments, True, steps, hlip)
+    flipped = np.flatnonzero(np.asarray(plain.goal[:, 1]) != np.asarray(mirrored.goal[:, 1]))
+    assert 0 < len(flipped) < 4
+    for row in flipped:
+        np.testing.assert_array_equal(mirrored.depth[row], plain.depth[row][:, ::-1])
+        np.testing.assert_array_equal(mirrored.maps.esdf[row], plain.maps.esdf[row][:, ::-1])
+        np.testing.assert_array_equal(mirrored.maps.route[row], plain.maps.route[row] * np.array([1.0, -1.0]))
+
+
+def test_another_configuration_does_not_resume(uninterrupted, config_with, small_data):
+    folder, _ = uninterrupted
+    with pytest.raises(CheckpointError, match="another configuration"):
+        train(config_with(learning_rate=5e-4), small_data, folder, say=lambda text: None)
+
+
+def test_metrics_survive_a_half_written_line(tmp_path):
+    file = tmp_path / "metrics.jsonl"
+    file.write_text(json.dumps({"step": 0, "total": 1.0}) + '\n{"step": 1, "tot')
+    log = MetricsLog(tmp_path, first_step=1)
+    log.write(1, {"total": 0.5})
+    log.close()
+    assert [line["step"] for line in read_metrics(file)] == [0, 1]
