@@ -9,6 +9,7 @@ import argparse
 import platform
 import statistics
 import time
+from typing import Any
 
 from iwalker_jax.runtime import configure_runtime
 
@@ -72,13 +73,13 @@ class Ipopt:
         moved = x[:, :-1] + casadi.vertcat(v * casadi.cos(theta), v * casadi.sin(theta), u[1, :], u[0, :])
         cost = FREE.position_weight * casadi.sumsqr(x[:2, :] - reference)
         cost += FREE.turn_weight * casadi.sumsqr(u[0, :]) + FREE.acceleration_weight * casadi.sumsqr(u[1, :])
-        problem = {
+        problem: dict[str, Any] = {
             "x": casadi.vertcat(casadi.vec(x), casadi.vec(u)),
             "p": casadi.vertcat(casadi.vec(reference), start),
             "f": cost,
             "g": casadi.vertcat(x[:, 0] - start, casadi.vec(x[:, 1:] - moved)),
         }
-        quiet = {"ipopt.print_level": 0, "print_time": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500}
+        quiet: dict[str, Any] = {"ipopt.print_level": 0, "print_time": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500}
         self._solver = casadi.nlpsol("unicycle", "ipopt", problem, quiet)
 
     def cost(self, reference: np.ndarray, start: np.ndarray, guess: np.ndarray) -> float:
@@ -113,9 +114,8 @@ class PublishedWay:
         for row, column in ((3, 0), (2, 1)):
             rows.append((step + 4 + row).ravel())
             columns.append(4 * n + 2 * np.arange(m) + column)
-        self._sizes = [len(r) for r in rows]
-        rows, columns = np.concatenate(rows), np.concatenate(columns)
-        order = sparse.csc_matrix((np.arange(1, len(rows) + 1), (rows, columns)), (4 * n, 4 * n + 2 * m))
+        where = (np.concatenate(rows), np.concatenate(columns))
+        order = sparse.csc_matrix((np.arange(1, len(where[0]) + 1), where), (4 * n, 4 * n + 2 * m))
         self._order = order.data - 1
         order.data = np.ones_like(order.data, dtype=float)
         self._solver = osqp.OSQP()

@@ -101,7 +101,14 @@ def _solve(inputs: TrackingInputs, parameters: UnicycleParameters):
     def lanes(*leaves):
         inputs = TrackingInputs(*leaves)
         solved, speed, theta = solve_lanes(inputs, parameters)
-        return solved.trajectory, residual(solved, inputs, parameters), solved.curvature, solved.count, speed, theta
+        return (
+            solved.trajectory,
+            residual(solved, inputs, parameters),
+            solved.curvature,
+            solved.iterations,
+            speed,
+            theta,
+        )
 
     @lanes.def_vmap
     def _merge(size, batched, *leaves):

@@ -1,5 +1,6 @@
 """Newton iterations of the unicycle problem for many paths at once, the batch ("lanes") on the last axis."""
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -34,7 +35,7 @@ class Iterate(NamedTuple):
         promised: (lanes,) decrease of the cost that the quadratic model promises.
         curvature: (lanes,) smallest curvature of any stage.
         damping: (lanes,) Levenberg-Marquardt damping.
-        count: (lanes,) iterations so far.
+        iterations: (lanes,) iterations so far.
     """
 
     trajectory: Trajectory
@@ -43,7 +44,7 @@ class Iterate(NamedTuple):
     promised: Float[Array, " lanes"]
     curvature: Float[Array, " lanes"]
     damping: Float[Array, " lanes"]
-    count: Int[Array, " lanes"]
+    iterations: Int[Array, " lanes"]
 
 
 def residual(iterate: Iterate, inputs: TrackingInputs, parameters: UnicycleParameters) -> Float[Array, " lanes"]:
@@ -87,9 +88,11 @@ def advance(
     old = iterate.trajectory
 
     lanes = iterate.cost.shape[0]
-    repeated = jax.tree.map(lambda leaf: jnp.tile(leaf, len(_STEPS)), (old, iterate.policy, reference, inputs.weights))
+    repeat = partial(jax.tree.map, lambda leaf: jnp.tile(leaf, len(_STEPS)))
     tried = jnp.repeat(jnp.asarray(_STEPS, iterate.cost.dtype), lanes)
-    moved, costs = forward_sweep(*repeated[:2], tried, *repeated[2:], grid, parameters)
+    moved, costs = forward_sweep(
+        repeat(old), repeat(iterate.policy), tried, repeat(reference), repeat(inputs.weights), grid, parameters
+    )
     moved = Trajectory(*(leaf.reshape(leaf.shape[0], len(_STEPS), lanes) for leaf in moved))
     best, least, new = (
         jnp.full_like(iterate.cost, _STEPS[0]),
@@ -114,7 +117,7 @@ def advance(
     )
     curvature = jnp.min(inverse.curvature, axis=0)
     cost = jnp.where(accepted, least, iterate.cost)
-    return Iterate(trajectory, cost, policy, promised, curvature, damping, iterate.count + active)
+    return Iterate(trajectory, cost, policy, promised, curvature, damping, iterate.iterations + active)
 
 
 def _improve(
@@ -123,7 +126,7 @@ def _improve(
     grid: Grid,
     rivals: int,
     tolerance: float,
-    iterations: int,
+    limit: int,
     parameters: UnicycleParameters,
 ) -> Iterate:
     """Advance all lanes until none is unfinished; `rivals` starts of each problem compete and losers are given up."""
@@ -133,7 +136,7 @@ def _improve(
         leader = jnp.tile(jnp.min(iterate.cost.reshape(rivals, -1), axis=0), rivals)
         hopeless = iterate.cost - _OPTIMISM * iterate.promised > leader
         unfinished = ~(residual(iterate, inputs, parameters) <= tolerance)
-        return unfinished & ~hopeless & (iterate.count < iterations)
+        return unfinished & ~hopeless & (iterate.iterations < limit)
 
     def body(carry):
         iterate, mask = carry
@@ -181,5 +184,5 @@ def solve_lanes(
     grid = uniform_grid(inputs.x[:, :1], parameters.dt)
     first = begin(inputs, speed, theta, grid, parameters)
     solved = _improve(first, inputs, grid, 1, parameters.tolerance, parameters.max_iterations, parameters)
-    spent = jnp.max(found.count.reshape(grouped[1:]), axis=0)
-    return solved._replace(count=solved.count + spent), speed, theta
+    spent = jnp.max(found.iterations.reshape(grouped[1:]), axis=0)
+    return solved._replace(iterations=solved.iterations + spent), speed, theta
