@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 # Length of the coarse grid's steps in points: fine at first, where a fast start has to turn at once, then this.
 _FIRST_STEPS = (1, 1, 1, 1, 2, 2, 2)
 _STEP = 4
-# Stiffness of the smoothed starts over the acceleration weight: a shape with its main bends, and a hint of one.
-_SMOOTHING = (200.0, 2000.0)
+# Stiffness of the smoothed starts over the acceleration weight: close to the path, its main bends, a hint of its shape.
+_SMOOTHING = (1.0, 200.0, 2000.0)
 STARTS = 1 + len(_SMOOTHING)
 
 
