@@ -1,13 +1,14 @@
 """Train iPath and iStepper end to end: python -m experiments.train [--preset quick|default|paper] [--data FOLDER]."""
 
-from iwalker_jax.runtime import configure_runtime
+import sys
+
+from iwalker_jax.runtime import configure_runtime, requested_devices
 
 if __name__ == "__main__":
-    configure_runtime()
+    configure_runtime(requested_devices(sys.argv))
 
 import dataclasses
 import json
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +37,7 @@ class Command:
         data: folder of your own depth recording to train on instead of generated scenes.
         out: folder for checkpoints, metrics, tables and pictures; an existing run in it is resumed.
         fresh: start anew even if the folder holds a run (its checkpoints are kept until overwritten).
-        devices: number of devices to spread each batch over.
+        devices: number of devices to spread each batch over; on a CPU that many are made of its cores.
         tensorboard: also write TensorBoard events.
         unseen_scenes: held-out scenes of the final evaluation; 0 leaves them out.
         config: the training configuration.

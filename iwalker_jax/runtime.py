@@ -34,6 +34,16 @@ def configure_runtime(host_devices: int | None = None) -> None:
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
 
+def requested_devices(arguments: list[str]) -> int | None:
+    """The value of `--devices` among command-line arguments, which must be known before JAX is imported; else None."""
+    for i, argument in enumerate(arguments):
+        if argument.startswith("--devices"):
+            text = argument.partition("=")[2] or (arguments[i + 1] if i + 1 < len(arguments) else "")
+            if text.isdecimal() and int(text) > 1:
+                return int(text)
+    return None
+
+
 def default_cache_folder() -> Path:
     """Folder for generated data and compiled programs: $IWALKER_CACHE, else ~/.cache/iwalker_jax."""
     override = os.environ.get("IWALKER_CACHE")

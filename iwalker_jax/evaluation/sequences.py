@@ -130,7 +130,7 @@ def evaluate_sequence(
     def plan_batch(depth, mounts, goals, keys):
         maps = jax.vmap(lambda d, m: build_local_map(d, m, intrinsics))(depth, mounts)
         state = jax.vmap(lambda key: sample_robot_state(key, models.steps, models.hlip))(keys)
-        plan = planner(depth, goals, state)
+        plan = planner(depth, goals, state, mounts)
         score = jax.vmap(lambda p, w, s, x, m: plan_metrics(p, w, s, x, m, models))
         metrics, tracked = score(plan.path, plan.waypoints, plan.footsteps, state, maps.published)
         return plan, tracked, metrics, state.stance_side, maps

@@ -25,9 +25,8 @@ class IPathConfig:
         hidden: units of the light variant's fully connected layers.
         goal_reach: [m] goals farther than this are pulled in along their bearing before the network sees them.
         nearest_depth: [m] where the light variant's inverse-depth input saturates.
-        camera: nominal camera, with which the light variant turns pixels into points; the true one may differ by the
-            gait's sway, which the network learns to see from the floor.
-        mount: its nominal mount.
+        camera: intrinsics with which the light variant turns pixels into points.
+        mount: nominal mount, used where no measured one is given.
         goal_is_end: replace the last waypoint by the goal, as published; otherwise the end point is free.
     """
 
@@ -48,6 +47,11 @@ class IPathConfig:
             raise InputError(f"Unknown iPath variant {self.variant!r}; choose 'light' or 'paper'.")
         if self.height < 64 or self.width < 96:
             raise InputError(f"iPath needs depth images of at least 64 x 96 px, got {self.height} x {self.width}.")
+        if self.variant == "light" and (self.camera.height, self.camera.width) != (self.height, self.width):
+            raise InputError(
+                f"iPath's camera is {self.camera.height} x {self.camera.width} px but its images are {self.height} x "
+                f"{self.width} px; make them equal."
+            )
         if self.waypoints < 2 or self.trunk_width < 4 or self.goal_reach <= 0:
             raise InputError("iPath needs at least 2 waypoints, 4 trunk channels and a positive goal reach.")
 
@@ -84,19 +88,28 @@ class IPath(nnx.Module):
         self.trunk = Trunk(1 if config.variant == "paper" else _LIGHT_CHANNELS, config.trunk_width, rngs)
         self.head = head(config, rngs)
 
-    def __call__(self, depth: Float[Array, "batch h w"], goal: Float[Array, "batch 2"]) -> IPathOutput:
+    def __call__(
+        self,
+        depth: Float[Array, "batch h w"],
+        goal: Float[Array, "batch 2"],
+        mount: Float[Array, "batch 5"] | None = None,
+    ) -> IPathOutput:
         """Plan for a batch.
 
         Args:
             depth: z-depth [m], 0 = no return.
             goal: [m] in the base frame (x forward, y left), any distance.
+            mount: camera mounts as in `CameraMount`, from the robot's IMU and kinematics or a floor fit; the
+                configured nominal mount if left out. The paper variant sees depth and goal alone.
         """
         config = self.config
         near_goal = reduced_goal(goal, config.goal_reach)
         if config.variant == "paper":
             features = self.trunk(depth[..., None])
         else:
-            features = self.trunk(_light_input(depth, near_goal, config))
+            if mount is None:
+                mount = jnp.broadcast_to(config.mount.as_array(), (depth.shape[0], 5))
+            features = self.trunk(_light_input(depth, near_goal, mount, config.camera, config.nearest_depth))
         waypoints, fear = self.head(features, near_goal)
         if config.goal_is_end:
             waypoints = waypoints.at[:, -1].set(near_goal)
@@ -107,17 +120,21 @@ _LIGHT_CHANNELS = 6
 
 
 def _light_input(
-    depth: Float[Array, "batch h w"], goal: Float[Array, "batch 2"], config: IPathConfig
+    depth: Float[Array, "batch h w"],
+    goal: Float[Array, "batch 2"],
+    mount: Float[Array, "batch 5"],
+    camera: Intrinsics,
+    nearest_depth: float,
 ) -> Float[Array, "batch h w c"]:
     """What the light variant sees in each pixel: inverse depth, and where its point lies relative to the goal.
 
-    Height above the nominal floor, progress along the straight line to the goal and signed distance from that line
+    Height above the floor, progress along the straight line to the goal and signed distance from that line
     make an obstacle on the way look the same wherever the goal is; a network that has to turn pixels into metres by
     itself needs many times the frames.
     """
     valid = (depth > 0).astype(depth.dtype)
-    inverse = valid / jnp.maximum(depth, config.nearest_depth)
-    points = jax.vmap(lambda image: backproject(image, config.camera, config.mount.as_array()))(depth)
+    inverse = valid / jnp.maximum(depth, nearest_depth)
+    points = jax.vmap(lambda image, pose: backproject(image, camera, pose))(depth, mount)
     ahead, lateral = _goal_axes(goal)
     distance = jnp.sqrt(jnp.sum(goal**2, axis=-1) + 1e-2)[:, None, None]
     along = jnp.einsum("bhwk,bk->bhw", points[..., :2], ahead) / distance

@@ -49,16 +49,25 @@ class Planner(nnx.Module):
         self.ipath = IPath(config.ipath, rngs)
         self.istepper = IStepper(config.istepper, config.steps, rngs)
 
-    def __call__(self, depth: Float[Array, "batch h w"], goal: Float[Array, "batch 2"], state: RobotState) -> Plan:
-        """Plan for a batch of depth images [m] (0 = no return), goals [m] in base, and robot states."""
-        path, waypoints, fear = self.plan_path(depth, goal)
+    def __call__(
+        self,
+        depth: Float[Array, "batch h w"],
+        goal: Float[Array, "batch 2"],
+        state: RobotState,
+        mount: Float[Array, "batch 5"] | None = None,
+    ) -> Plan:
+        """Plan for a batch of depth images [m] (0 = no return), goals [m] in base, robot states and camera mounts."""
+        path, waypoints, fear = self.plan_path(depth, goal, mount)
         return Plan(path, waypoints, fear, self.istepper(path, state))
 
     def plan_path(
-        self, depth: Float[Array, "batch h w"], goal: Float[Array, "batch 2"]
+        self,
+        depth: Float[Array, "batch h w"],
+        goal: Float[Array, "batch 2"],
+        mount: Float[Array, "batch 5"] | None = None,
     ) -> tuple[Float[Array, "batch n 2"], Float[Array, "batch k 2"], Float[Array, " batch"]]:
         """Path [m], waypoints [m] and fear logit: iPath alone, for the faster of the two loops."""
-        waypoints, fear = self.ipath(depth, goal)
+        waypoints, fear = self.ipath(depth, goal, mount)
         return waypoints_to_path(waypoints), waypoints, fear
 
 

@@ -18,6 +18,7 @@ class Batch(NamedTuple):
 
     depth: Float[Array, "batch height width"]
     goal: Float[Array, "batch 2"]
+    mount: Float[Array, "batch 5"]
     state: RobotState
     maps: FrameMaps
 
@@ -61,9 +62,11 @@ def gather_batch(
         flip = jax.random.bernoulli(k_mirror) if mirror else jnp.asarray(False)
         depth = jnp.where(flip, depth[:, ::-1], depth)
         goal = jnp.where(flip, goal * jnp.asarray([1.0, -1.0]), goal)
+        # Roll and lateral offset change sign in the mirror.
+        mount = jnp.where(flip, data.mounts[i] * jnp.asarray([1.0, 1.0, -1.0, 1.0, -1.0]), data.mounts[i])
         maps = jax.tree.map(lambda field, other: jnp.where(flip, other, field), maps, maps.mirrored())
         # The sampled states are symmetric in left and right already.
-        return Batch(depth, goal, sample_robot_state(k_state, steps, hlip), maps)
+        return Batch(depth, goal, mount, sample_robot_state(k_state, steps, hlip), maps)
 
     # The keys come from the row's number, so that a batch is the same however it is spread over devices.
     keys = jax.vmap(lambda row: jax.random.fold_in(key, row))(jnp.arange(index.shape[0]))

@@ -27,6 +27,7 @@ class TrainingData(NamedTuple):
 
     Attributes:
         depth: (n, height, width) uint16 [mm].
+        mounts: (n, 5) camera mounts as in `CameraMount`.
         goals: (n, g, 2) [m] in base.
         esdf: (n, rows, columns) float16 [m] on `DEFAULT_GRID`.
         unknown: (n, half_rows, half_columns) float16, softened share of unseen cells on `ROUTE_GRID`.
@@ -36,6 +37,7 @@ class TrainingData(NamedTuple):
     """
 
     depth: Array
+    mounts: Array
     goals: Array
     esdf: Array
     unknown: Array
@@ -126,6 +128,7 @@ def prepare(
     maps = jax.tree.map(lambda *x: jnp.concatenate(x), *parts)
     return TrainingData(
         jnp.asarray(frames.depth),
+        jnp.asarray(frames.mounts, jnp.float32),
         jnp.asarray(frames.goals, jnp.float32),
         maps.esdf,
         maps.unknown,

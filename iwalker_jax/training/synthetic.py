@@ -39,7 +39,7 @@ class WalkSampling:
         min_clearance: [m] distance to obstacles at every recorded pose.
     """
 
-    frames_per_walk: int = 10
+    frames_per_walk: int = 5
     goals_per_frame: int = 6
     min_route: float = 3.0
     max_route: float = 9.0

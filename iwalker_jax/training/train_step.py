@@ -92,7 +92,7 @@ def batch_losses(planner: Planner, batch: Batch, config: TrainConfig) -> tuple[A
     follow from the path, so it reaches both unless `step_to_path` is off.
     """
     weights, models = config.weights, config.models
-    path, waypoints, fear = planner.plan_path(batch.depth, batch.goal)
+    path, waypoints, fear = planner.plan_path(batch.depth, batch.goal, batch.mount)
     if config.method == "iplanner":
         path_terms = jax.vmap(heuristic_losses)(path, waypoints, fear, batch.goal, batch.maps)
         path_loss = jax.vmap(heuristic_sum)(path_terms)
