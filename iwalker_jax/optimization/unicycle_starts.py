@@ -1,4 +1,4 @@
-"""Where the unicycle solver starts: a coarse time grid, and on it a straight drive and two smoothed references.
+"""Where the unicycle solver starts: a coarse time grid, and on it a straight drive and three smoothed references.
 
 The best motion is smooth over several points whatever the reference, so its shape, and which of the local
 optima it belongs to, is found cheaply on a third of the points.
