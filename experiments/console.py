@@ -1,9 +1,10 @@
 """What the commands share: progress bars, clear exits on bad input, and the run-folder conventions."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -11,8 +12,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 console = Console(highlight=False)
 
 
+class Advance(Protocol):
+    """Moves a progress bar to `done` with a note beside it."""
+
+    def __call__(self, done: int, note: str = "") -> None: ...
+
+
 @contextmanager
-def progress_bar(title: str, total: int) -> Iterator[Callable[[int, str], None]]:
+def progress_bar(title: str, total: int) -> Iterator[Advance]:
     """A bar that the block advances by calling the yielded function with (done, note)."""
     columns = (
         TextColumn("{task.description}"),
@@ -24,7 +31,11 @@ def progress_bar(title: str, total: int) -> Iterator[Callable[[int, str], None]]
     )
     with Progress(*columns, console=console) as bar:
         task = bar.add_task(title, total=total, note="")
-        yield lambda done, note="": bar.update(task, completed=done, note=note)
+
+        def advance(done: int, note: str = "") -> None:
+            bar.update(task, completed=done, note=note)
+
+        yield advance
 
 
 def say(sentence: str) -> None:

@@ -108,5 +108,5 @@ def _footsteps(axis, result: SequenceResult, i: int) -> None:
 
 
 def _distance_field(axis, result: SequenceResult, i: int) -> None:
-    _ground(axis, result.maps.esdf[i], result, i, cmap="RdYlGn", vmin=-0.3, vmax=1.0)
+    _ground(axis, np.asarray(result.maps.esdf[i]), result, i, cmap="RdYlGn", vmin=-0.3, vmax=1.0)
     axis.plot(result.path[i, :, 1], result.path[i, :, 0], "-", color="black", linewidth=0.8)

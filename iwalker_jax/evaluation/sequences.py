@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -89,7 +89,8 @@ def record_unseen_scenes(
     scenes: int = 60, frames_per_scene: int = 5, seed: int = 0, on_progress: Callable[[int], None] = lambda done: None
 ) -> Sequence:
     """Walks through scenes of the held-out generator, which no training seed can produce."""
-    parts, kept = [], []
+    parts: list[FrameSet] = []
+    kept: list[Scene] = []
     sampling = WalkSampling(frames_per_walk=frames_per_scene)
     number = 0
     while len(parts) < scenes:
@@ -136,7 +137,7 @@ def evaluate_sequence(
         return plan, tracked, metrics, state.stance_side, maps
 
     keys = jax.random.split(jax.random.key(seed), n)
-    parts = []
+    parts: list[Any] = []
     for start in range(0, n, _BATCH):
         index = np.minimum(np.arange(start, start + _BATCH), n - 1)
         out = plan_batch(jnp.asarray(depth[index]), frames.mounts[index], goals[index], keys[index])
@@ -146,7 +147,7 @@ def evaluate_sequence(
     truth = in_view = served = None
     if sequence.scenes is not None:
         truth, in_view = _truth(sequence, goals, plan.path, plan.footsteps, models, intrinsics)
-        served = np.asarray(goal_served(truth, in_view))
+        served = np.asarray(goal_served(truth, jnp.asarray(in_view)))
     return SequenceResult(
         name=sequence.name,
         goals=goals,

@@ -61,4 +61,5 @@ def softened(field: Float[Array, "rows columns"]) -> Float[Array, "rows columns"
     """Mean of each cell and its eight neighbours: single unseen cells vanish, and borders become slopes."""
     padded = jnp.pad(field, 1, mode="edge")
     rows, columns = field.shape
-    return sum(padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)) / 9.0
+    shifts = [padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)]
+    return jnp.mean(jnp.stack(shifts), axis=0)

@@ -137,8 +137,10 @@ def _light_input(
     points = jax.vmap(lambda image, pose: backproject(image, camera, pose))(depth, mount)
     ahead, lateral = _goal_axes(goal)
     distance = jnp.sqrt(jnp.sum(goal**2, axis=-1) + 1e-2)[:, None, None]
-    along = jnp.einsum("bhwk,bk->bhw", points[..., :2], ahead) / distance
-    across = jnp.einsum("bhwk,bk->bhw", points[..., :2], lateral)
+    x, y = points[..., 0], points[..., 1]
+    ahead, lateral = ahead[:, None, None], lateral[:, None, None]
+    along = (x * ahead[..., 0] + y * ahead[..., 1]) / distance
+    across = x * lateral[..., 0] + y * lateral[..., 1]
     height = jnp.clip(points[..., 2], -0.3, 1.2)
     columns = jnp.broadcast_to(jnp.linspace(-1.0, 1.0, depth.shape[2])[None, None, :], depth.shape)
     return jnp.stack(

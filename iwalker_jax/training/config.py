@@ -141,7 +141,7 @@ def config_from_dict(kind: type, values: dict[str, Any]) -> Any:
     for name, value in values.items():
         hint = hints[name]
         if dataclasses.is_dataclass(hint) and isinstance(value, dict):
-            built[name] = config_from_dict(hint, value)
+            built[name] = config_from_dict(typing.cast(type, hint), value)
         elif Path in typing.get_args(hint) and value is not None:
             built[name] = Path(value)
         else:

@@ -1,5 +1,6 @@
 """Frame sets: depth images with mounts and goals, the one form in which training data reaches the planner."""
 
+import contextlib
 import hashlib
 import io
 import json
@@ -97,14 +98,15 @@ def save_frames(frames: FrameSet, file: Path) -> None:
         scene_names=np.array(json.dumps(frames.scene_names)),
     )
     payload = buffer.getvalue()
-    file.parent.mkdir(parents=True, exist_ok=True)
     partial = file.with_suffix(".partial")
     try:
+        file.parent.mkdir(parents=True, exist_ok=True)
         partial.write_bytes(payload)
-        checksum_file(file).write_text(hashlib.sha256(payload).hexdigest() + "\n")
         partial.replace(file)
+        checksum_file(file).write_text(hashlib.sha256(payload).hexdigest() + "\n")
     except OSError as error:
-        partial.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            partial.unlink()
         raise InputError(f"Cannot write {file}: {error.strerror}; free some space or choose another folder.") from error
 
 
@@ -117,10 +119,10 @@ def load_frames(file: Path) -> FrameSet:
     advice = "delete it and run the command again to make it anew"
     try:
         payload = file.read_bytes()
-        wanted = checksum_file(file).read_text().strip()
+        wanted = checksum_file(file).read_bytes().strip()
     except OSError as error:
         raise InputError(f"Cannot read {error.filename}: {error.strerror}; {advice}.") from error
-    if hashlib.sha256(payload).hexdigest() != wanted:
+    if hashlib.sha256(payload).hexdigest().encode() != wanted:
         raise InputError(f"{file} does not match its checksum (a truncated or altered file); {advice}.")
     try:
         with np.load(io.BytesIO(payload)) as data:

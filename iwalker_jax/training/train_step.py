@@ -12,10 +12,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.planning.planner import Plan, Planner
-from iwalker_jax.training.baselines import heuristic_losses, heuristic_sum
+from iwalker_jax.training.baselines import HeuristicLosses, heuristic_losses, heuristic_sum
 from iwalker_jax.training.batches import Batch, gather_batch
 from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.losses import path_losses, step_losses, weighted_sum
+from iwalker_jax.training.losses import PathLosses, path_losses, step_losses, weighted_sum
 from iwalker_jax.training.maps import TrainingData
 
 
@@ -92,6 +92,7 @@ def batch_losses(planner: Planner, batch: Batch, config: TrainConfig) -> tuple[A
     follow from the path, so it reaches both unless `step_to_path` is off.
     """
     weights, models = config.weights, config.models
+    path_terms: PathLosses | HeuristicLosses
     path, waypoints, fear = planner.plan_path(batch.depth, batch.goal, batch.mount)
     if config.method == "iplanner":
         path_terms = jax.vmap(heuristic_losses)(path, waypoints, fear, batch.goal, batch.maps)
