@@ -28,9 +28,7 @@ _SENTENCES = {
         "The inputs or an iterate were not finite; the value is the last finite iterate. "
         "Check the inputs for NaN, infinities and extreme scales."
     ),
-    Status.INFEASIBLE: (
-        "No point satisfies all constraints; the value is the least violating one. Relax the bounds."
-    ),
+    Status.INFEASIBLE: ("No point satisfies all constraints; the value is the least violating one. Relax the bounds."),
 }
 
 

@@ -1,1 +1,1 @@
-
+"""iPath, iStepper, and the geometry of paths and footsteps."""

@@ -1,1 +1,1 @@
-
+"""Frames, losses, the train step and loop, checkpoints and baselines."""
