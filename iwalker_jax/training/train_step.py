@@ -149,12 +149,14 @@ def make_train_step(
         (total, (terms, counts, _)), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
         norm = optax.global_norm(gradient)
         finite = jnp.isfinite(total) & jnp.isfinite(norm)
-        updates, opt_state = optimiser.update(gradient, state.opt_state, state.params)
-        stepped = (optax.apply_updates(state.params, updates), opt_state)
-        # A bad batch must not poison the parameters: leave them and the optimiser as they were.
-        params, opt_state = jax.tree.map(
-            lambda new, old: jnp.where(finite, new, old), stepped, (state.params, state.opt_state)
-        )
+
+        def update(params: Any, opt_state: Any) -> tuple[Any, Any]:
+            updates, opt_state = optimiser.update(gradient, opt_state, params)
+            return optax.apply_updates(params, updates), opt_state
+
+        # A bad batch must not poison the parameters: leave them and the optimiser as they were. A branch updates in
+        # place; selecting between the old and the new values would pass over all of them a second time.
+        params, opt_state = jax.lax.cond(finite, update, lambda *unchanged: unchanged, state.params, state.opt_state)
         report = StepReport(terms, norm, jnp.mean(counts.astype(jnp.float32)), finite)
         return TrainState(params, opt_state, state.key, state.step + 1), report
 
