@@ -55,6 +55,8 @@ class FrameSet:
         for name, (got, wanted) in shapes.items():
             if got != wanted:
                 raise InputError(f"Frame set field {name} has shape {got}, expected {wanted} for {n} frames.")
+        if self.goals.shape[1] == 0:
+            raise InputError("A frame set needs at least one goal for each frame, but goals has none.")
         if not np.isfinite(self.mounts).all() or not np.isfinite(self.goals).all():
             raise InputError("Camera mounts and goals must be finite; remove or repair the frames with NaN values.")
         if self.scene_index.min() < 0 or self.scene_index.max() >= len(self.scene_names):
@@ -134,7 +136,7 @@ def load_frames(file: Path) -> FrameSet:
                 data["scene_index"],
                 tuple(json.loads(str(data["scene_names"]))),
             )
-    except (zipfile.BadZipFile, KeyError, ValueError) as error:
+    except (zipfile.BadZipFile, EOFError, KeyError, ValueError) as error:
         raise InputError(f"{file} is not a frame set written by this version ({error}); {advice}.") from error
 
 
