@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float
 
+from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.splines import hermite_path
 from iwalker_jax.planning.ipath import IPath, IPathConfig
 from iwalker_jax.planning.istepper import IStepper, IStepperConfig
@@ -66,9 +67,32 @@ class Planner(nnx.Module):
         goal: Float[Array, "batch 2"],
         mount: Float[Array, "batch 5"] | None = None,
     ) -> tuple[Float[Array, "batch n 2"], Float[Array, "batch k 2"], Float[Array, " batch"]]:
-        """Path [m], waypoints [m] and fear logit: iPath alone, for the faster of the two loops."""
+        """Path [m], waypoints [m] and fear logit: iPath alone, for the faster of the two loops.
+
+        Raises:
+            InputError: for depth that is not floating-point metres of the configured size, or other batch sizes.
+        """
+        _check(depth, goal, mount, self.config.ipath)
         waypoints, fear = self.ipath(depth, goal, mount)
         return waypoints_to_path(waypoints), waypoints, fear
+
+
+def _check(depth: Array, goal: Array, mount: Array | None, config: IPathConfig) -> None:
+    if not jnp.issubdtype(depth.dtype, jnp.floating):
+        raise InputError(
+            f"The planner takes depth in floating-point metres, got {depth.dtype}; convert raw sensor units with "
+            "depth_from_uint16."
+        )
+    if depth.ndim != 3 or depth.shape[1:] != (config.height, config.width):
+        raise InputError(
+            f"The planner takes depth of shape (batch, {config.height}, {config.width}), got {depth.shape}; resize "
+            "with resize_depth, and give a single image a batch axis."
+        )
+    for name, value, size in (("goals", goal, 2), ("mounts", mount, 5)):
+        if value is not None and value.shape != (depth.shape[0], size):
+            raise InputError(
+                f"{depth.shape[0]} depth images need {name} of shape ({depth.shape[0]}, {size}), got {value.shape}."
+            )
 
 
 def waypoints_to_path(waypoints: Float[Array, "batch k 2"], points: int = PATH_POINTS) -> Float[Array, "batch n 2"]:

@@ -55,7 +55,7 @@ def test_u_path_gradient_equals_finite_differences(x64, gradient):
         path = waypoints_to_path(waypoints[None])[0]
         return weighted_sum(path_losses(path, fear, maps, models, gradient), LossWeights())[None]
 
-    assert_gradients_agree(loss, _waypoints(), jnp.asarray(0.3))
+    assert_gradients_agree(jax.jit(loss), _waypoints(), jnp.asarray(0.3))
 
 
 def test_u_step_gradient_equals_finite_differences(x64):
@@ -71,7 +71,7 @@ def test_u_step_gradient_equals_finite_differences(x64):
         return weighted_sum(step_losses(steps, along, state, maps, MODELS, "implicit"), LossWeights())[None]
 
     moved = footsteps + 0.013 * jax.random.normal(jax.random.key(2), footsteps.shape)
-    assert_gradients_agree(loss, moved, path)
+    assert_gradients_agree(jax.jit(loss), moved, path)
 
 
 def test_stopped_mode_leaves_the_gradient_of_the_difference_alone(x64):
@@ -83,8 +83,9 @@ def test_stopped_mode_leaves_the_gradient_of_the_difference_alone(x64):
     def loss(p, mode):
         return weighted_sum(path_losses(p, jnp.zeros(()), maps, MODELS, mode), only_tracking)
 
-    stopped = jax.grad(lambda p: loss(p, "stopped"))(path)
-    implicit = jax.grad(lambda p: loss(p, "implicit"))(path)
+    stopped, implicit = (
+        jax.jit(jax.grad(lambda p, mode=mode: loss(p, mode)))(path) for mode in ("stopped", "implicit")
+    )
     assert float(jnp.max(jnp.abs(stopped - implicit))) > 1e-6
     value = loss(path, "stopped")
     assert float(jnp.sum(stopped**2)) == pytest.approx(4 * float(value) / path.shape[0], rel=1e-6)
@@ -94,7 +95,7 @@ def _norms(config, data, part: str) -> tuple[float, float]:
     """Gradient norms of U_path or U_step with respect to iPath's and iStepper's parameters."""
     batch = gather_batch(data, jnp.arange(4), jax.random.key(0), True, config.models.steps, config.models.hlip)
     graph, params = nnx.split(make_planner(config))
-    gradient = jax.grad(lambda p: batch_losses(nnx.merge(graph, p), batch, config)[1][0][part])(params)
+    gradient = jax.jit(jax.grad(lambda p: batch_losses(nnx.merge(graph, p), batch, config)[1][0][part]))(params)
 
     def norm(tree):
         return float(sum(jnp.sum(leaf**2) for leaf in jax.tree.leaves(tree)))
@@ -127,7 +128,8 @@ def test_walking_around_costs_less_than_walking_through():
     maps = _smooth_maps(jnp.float32)
     around = waypoints_to_path(_waypoints()[None])[0]
     through = jnp.linspace(0, 1, 100)[:, None] * jnp.asarray([[2.4, 0.6]])
-    cost = [float(path_losses(path, jnp.zeros(()), maps, MODELS, "stopped").clearance) for path in (around, through)]
+    clearance = jax.jit(lambda path: path_losses(path, jnp.zeros(()), maps, MODELS, "stopped").clearance)
+    cost = [float(clearance(path)) for path in (around, through)]
     assert cost[0] < 0.5 * cost[1]
 
 

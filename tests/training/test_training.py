@@ -63,17 +63,28 @@ def test_ctrl_c_keeps_what_was_done(small_config, small_data, tmp_path):
     assert "Resuming at step 3" in resumed[0]
 
 
+def _near_the_straight_line(state):
+    """The state with waypoints drawn close to the straight line: wild paths have several unicycle optima of nearly
+    equal cost, between which a rounding error chooses."""
+    scaled = jax.tree_util.tree_map_with_path(
+        lambda path, x: 0.05 * x if "waypoints" in jax.tree_util.keystr(path) else x, state.params
+    )
+    return state._replace(params=scaled)
+
+
 def test_two_devices_equal_one(small_config, small_data):
     """Oracle: the same step on a single device; only the order of the gradient's sums may differ."""
     optimiser = make_optimiser(small_config, 6)
     index = jnp.asarray(frame_order(0, 8, 4, 0))
-    one, report_one = make_train_step(small_config, optimiser)(
-        initial_state(small_config, optimiser), small_data, index
+    (one, report_one), (two, report_two) = (
+        make_train_step(small_config, optimiser, mesh)(
+            _near_the_straight_line(initial_state(small_config, optimiser)), small_data, index
+        )
+        for mesh in (None, batch_mesh(2))
     )
-    two, report_two = make_train_step(small_config, optimiser, batch_mesh(2))(
-        initial_state(small_config, optimiser), small_data, index
-    )
-    assert float(report_two.losses["total"]) == pytest.approx(float(report_one.losses["total"]), rel=1e-5)
+    assert float(report_one.converged) == float(report_two.converged) == 1.0
+    for name, value in report_one.losses.items():
+        assert float(report_two.losses[name]) == pytest.approx(float(value), rel=1e-4, abs=1e-6), name
     assert float(report_two.gradient_norm) == pytest.approx(float(report_one.gradient_norm), rel=1e-4)
     for a, b in zip(jax.tree.leaves(one.params), jax.tree.leaves(two.params), strict=True):
         np.testing.assert_allclose(a, b, atol=2e-5)
