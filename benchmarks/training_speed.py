@@ -1,0 +1,208 @@
+"""Training speed: frames a second of whole steps and the price of each part (`python -m benchmarks.training_speed`).
+
+The peer is the same network's forward and backward pass alone, with a loss that costs nothing; what a step takes beyond
+it and Adam is the price of the two lower-level optimisations, the map costs and gathering the batch. Maps are made once
+before training, so their price is shown apart. `--paper` adds the published network (53.3 M parameters at 360 x 640) at
+90 x 160 with the published settings.
+"""
+
+import argparse
+import dataclasses
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+from iwalker_jax.runtime import configure_runtime
+
+configure_runtime()
+
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+import optax  # noqa: E402
+from flax import nnx  # noqa: E402
+
+from iwalker_jax.geometry.splines import resample_by_arc_length  # noqa: E402
+from iwalker_jax.optimization.step_mpc import solve_step_mpc  # noqa: E402
+from iwalker_jax.optimization.unicycle import initial_state_from_reference  # noqa: E402
+from iwalker_jax.optimization.unicycle_mpc import solve_unicycle  # noqa: E402
+from iwalker_jax.planning.robot_state import pre_impact_planes  # noqa: E402
+from iwalker_jax.training.batches import Batch, frame_order, gather_batch  # noqa: E402
+from iwalker_jax.training.config import DataConfig, TrainConfig, paper_preset  # noqa: E402
+from iwalker_jax.training.datasets import load_training_frames  # noqa: E402
+from iwalker_jax.training.frames import DEPTH_UNIT, FrameSet  # noqa: E402
+from iwalker_jax.training.maps import TrainingData, frame_maps, prepare  # noqa: E402
+from iwalker_jax.training.train_step import (  # noqa: E402
+    initial_state,
+    make_optimiser,
+    make_train_step,
+    planner_graph,
+)
+
+FRAMES = 64
+STEPS = 100
+
+
+class WholeStep:
+    """Training steps one after the other: every step takes the state of the one before."""
+
+    def __init__(self, config: TrainConfig, data: TrainingData):
+        optimiser = make_optimiser(config, config.total_steps(STEPS))
+        self.config, self.data, self.number = config, data, 0
+        self.state = initial_state(config, optimiser)
+        self._step = make_train_step(config, optimiser)
+        self.converged: list[float] = []
+
+    def __call__(self) -> Any:
+        index = frame_order(0, FRAMES, self.config.batch_size, self.number)
+        self.state, report = self._step(self.state, self.data, jnp.asarray(index))
+        self.number += 1
+        self.converged.append(float(report.converged))
+        return self.state
+
+
+class NetworkAndAdam:
+    """The network's forward and backward pass and the optimiser, without any of the losses."""
+
+    def __init__(self, config: TrainConfig, batch: Batch):
+        optimiser = make_optimiser(config, config.total_steps(STEPS))
+        state = initial_state(config, optimiser)
+        self._carry = state.params, state.opt_state
+        gradient = network_gradient(config)
+
+        def step(carry: Any, batch: Batch) -> Any:
+            params, opt_state = carry
+            updates, opt_state = optimiser.update(gradient(params, batch)[1], opt_state, params)
+            return optax.apply_updates(params, updates), opt_state
+
+        self._step, self._batch = jax.jit(step, donate_argnums=0), batch
+
+    def __call__(self) -> Any:
+        self._carry = self._step(self._carry, self._batch)
+        return self._carry
+
+
+def network_gradient(config: TrainConfig) -> Callable:
+    """(params, batch) -> ((loss, plan), gradient) of both networks under a trivial loss."""
+    graph = planner_graph(config)
+
+    def loss(params: Any, batch: Batch) -> tuple:
+        plan = nnx.merge(graph, params)(batch.depth, batch.goal, batch.state, batch.mount)
+        return jnp.sum(plan.path) + jnp.sum(plan.fear) + jnp.sum(plan.footsteps), plan
+
+    return jax.value_and_grad(loss, has_aux=True)
+
+
+def lower_levels(config: TrainConfig, batch: Batch, plan: Any) -> dict[str, Callable[[], Any]]:
+    """Each MPC with the gradient of its tracking loss, on a plan of the untrained network."""
+    models = config.models
+
+    def path_tracking(path):
+        reference = resample_by_arc_length(path, path.shape[0])
+        start = initial_state_from_reference(reference)
+        return jnp.sum((path - solve_unicycle(reference, start, models.unicycle, config.gradient).value.path) ** 2)
+
+    def step_tracking(footsteps, state):
+        planes = pre_impact_planes(state, models.hlip)
+        best = solve_step_mpc(footsteps, planes, models.hlip, models.step_weights, config.gradient)
+        return jnp.sum((footsteps - best.value.footsteps) ** 2)
+
+    unicycle = jax.jit(jax.vmap(jax.value_and_grad(path_tracking)))
+    steps = jax.jit(jax.vmap(jax.value_and_grad(step_tracking)))
+    return {
+        "unicycle MPC": lambda: unicycle(plan.path),
+        "step MPC": lambda: steps(plan.footsteps, batch.state),
+    }
+
+
+def timed(calls: dict[str, Callable[[], Any]], repeats: int) -> tuple[dict[str, list[float]], float]:
+    """Milliseconds of each call, taken in turns so that a busy machine slows all alike; seconds of the first calls."""
+    begun = time.perf_counter()
+    for call in calls.values():
+        jax.block_until_ready(call())
+    first = time.perf_counter() - begun
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(repeats):
+        for name, call in calls.items():
+            begun = time.perf_counter()
+            jax.block_until_ready(call())
+            times[name].append(1e3 * (time.perf_counter() - begun))
+    return times, first
+
+
+def measure(name: str, config: TrainConfig, data: TrainingData, repeats: int) -> None:
+    """Print one configuration's speed and the parts of its step."""
+    whole = WholeStep(config, data)
+    index = jnp.asarray(frame_order(0, FRAMES, config.batch_size, 0))
+    gather = jax.jit(
+        lambda i: gather_batch(data, i, jax.random.key(0), config.mirror, config.models.steps, config.models.hlip)
+    )
+    batch = gather(index)
+    network = jax.jit(network_gradient(config))
+    params = jax.tree.map(jnp.array, whole.state.params)
+    (_, plan), _ = network(params, batch)
+    calls: dict[str, Callable[[], Any]] = {
+        "whole step": whole,
+        "network alone": lambda: network(params, batch),
+        "network, Adam": NetworkAndAdam(config, batch),
+        "gather": lambda: gather(index),
+        **lower_levels(config, batch, plan),
+    }
+    times, compiled = timed(calls, repeats)
+    count = sum(leaf.size for leaf in jax.tree.leaves(params))
+    print(
+        f"\n{name}, {count / 1e6:.1f} M parameters, batch {config.batch_size}: {compiled:.0f} s of compilation, "
+        f"{np.mean(whole.converged):.0%} of rows converged"
+    )
+    print(f"  {'part':<16} {'min ms':>8} {'median ms':>10} {'of the step':>12}")
+    full = times["whole step"]
+    for part, values in times.items():
+        share = min(values) / min(full)
+        print(f"  {part:<16} {min(values):8.1f} {statistics.median(values):10.1f} {share:12.0%}")
+    rest = 1 - min(times["network, Adam"]) / min(full)
+    slower = min(full) / min(times["network alone"])
+    print(f"  MPCs, losses and gathering: {rest:.0%} of the step; the step is {slower:.2f} x the network alone (peer)")
+    rate = 1e3 * config.batch_size
+    print(f"  {rate / min(full):.1f} frames/s at best, {rate / statistics.median(full):.1f} median")
+
+
+def measure_maps(config: TrainConfig, frames: FrameSet, repeats: int) -> None:
+    """Print what making the maps of a frame costs, once before training."""
+    camera, rules, size = config.planner.ipath.camera, config.models.traversal, 16
+    many = jax.jit(jax.vmap(lambda depth, mount, goals: frame_maps(depth * DEPTH_UNIT, mount, goals, camera, rules)))
+    depth = jnp.asarray(frames.depth[:size], jnp.float32)
+    mounts, goals = jnp.asarray(frames.mounts[:size]), jnp.asarray(frames.goals[:size])
+    times, compiled = timed({"maps": lambda: many(depth, mounts, goals)}, repeats)
+    each = [t / size for t in times["maps"]]
+    print(
+        f"maps of a frame, {goals.shape[1]} goals, made once: {min(each):.1f} ms min, {statistics.median(each):.1f} ms "
+        f"median ({compiled:.0f} s of compilation); {min(each) / config.epochs:.2f} ms a frame and epoch over "
+        f"{config.epochs} epochs, instead of {min(each):.1f} ms if every step made them anew"
+    )
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--paper", action="store_true", help="also the published network at batch 1")
+    parser.add_argument("--repeats", type=int, default=20, help="timed rounds")
+    arguments = parser.parse_args()
+    config = TrainConfig()
+    print(
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {jax.default_backend()}, "
+        f"jax {jax.__version__}; best and median of {arguments.repeats}"
+    )
+    frames = load_training_frames(DataConfig(frames=FRAMES))
+    measure_maps(config, frames, min(arguments.repeats, 5))
+    data = prepare(frames, config.planner.ipath.camera, config.models.traversal)
+    for size in (1, 16):
+        measure("default preset", dataclasses.replace(config, batch_size=size), data, arguments.repeats)
+    if arguments.paper:
+        measure("paper preset", paper_preset(), data, arguments.repeats)
+
+
+if __name__ == "__main__":
+    main()
