@@ -50,7 +50,7 @@ class Command:
     devices: int = 1
     tensorboard: bool = False
     unseen_scenes: int = 60
-    config: Annotated[TrainConfig, tyro.conf.OmitArgPrefixes] = TrainConfig()
+    config: Annotated[TrainConfig, tyro.conf.arg(name="")] = TrainConfig()
 
 
 def parse(arguments: list[str]) -> Command:
