@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject
-from iwalker_jax.planning.residual_network import Conv, Trunk, trunk_size
+from iwalker_jax.planning.residual_network import Conv, Trunk, at_least_two_rows, trunk_size
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ class _PaperHead(nnx.Module):
         x = jnp.concatenate([x, embedded], axis=-1)
         x = jax.nn.relu(self.conv1(x))
         x = jax.nn.relu(self.conv2(x)).reshape(batch, -1)
-        shared = jax.nn.relu(self.dense1(x))
-        waypoints = self.waypoints(jax.nn.relu(self.dense2(shared))).reshape(batch, self.count, 3)
-        fear = self.fear2(jax.nn.relu(self.fear1(shared)))[:, 0]
+        shared = jax.nn.relu(self.dense1(at_least_two_rows(x)))
+        waypoints = self.waypoints(jax.nn.relu(self.dense2(shared)))[:batch].reshape(batch, self.count, 3)
+        fear = self.fear2(jax.nn.relu(self.fear1(shared)))[:batch, 0]
         return waypoints[..., :2], fear

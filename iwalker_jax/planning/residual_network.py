@@ -102,6 +102,14 @@ def conv2d(
     return (columns @ kernel.reshape(-1, channels)).reshape(batch, height, width, channels)
 
 
+def at_least_two_rows(x: Float[Array, "batch n"]) -> Float[Array, "rows n"]:
+    """A single row gets a row of zeros below it; more rows stay as they are.
+
+    XLA writes the weight gradient of a one-row product transposed and copies it back, several times the product's time.
+    """
+    return jnp.pad(x, ((0, max(0, 2 - x.shape[0])), (0, 0)))
+
+
 def max_pool_3x3(x: Float[Array, "batch h w c"]) -> Float[Array, "batch h2 w2 c"]:
     """3x3 maximum with stride 2 and padding 1, separable: two passes of three strided slices.
 
