@@ -1,1 +1,1 @@
-"""Commands: `python -m experiments.train`, `evaluate`, `compare`, `ablation`, `validate_recording`, `show_depth_noise`."""
+"""Commands: `python -m experiments.train`, `evaluate`, `compare`, `ablation` and tools for recordings and noise."""

@@ -17,10 +17,9 @@ from iwalker_jax.evaluation.report import evaluate_all, standard_sequences
 from iwalker_jax.evaluation.sequences import Sequence
 from iwalker_jax.evaluation.tables import legend
 from iwalker_jax.simulation.test_scenes import TEST_NAMES
-from iwalker_jax.training.checkpoints import CheckpointStore
-from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.recording_frames import frames_from_recording
-from iwalker_jax.training.train_step import TrainState, planner_from
+from iwalker_jax.training.train_step import planner_from
 
 
 @dataclass(frozen=True)
@@ -46,32 +45,11 @@ class Command:
     seed: int = 0
 
 
-def load_run(run: Path, checkpoint: int | None = None) -> tuple[TrainState, TrainConfig]:
-    """State and configuration of a run's checkpoint (the newest readable one by default).
-
-    Raises:
-        CheckpointError: if the run has no checkpoint, or it cannot be read.
-    """
-    folder = run / "checkpoints"
-    if not folder.is_dir():
-        raise CheckpointError(f"{run} holds no checkpoints; run `python -m experiments.train --out {run}` first.")
-    store = CheckpointStore(folder)
-    try:
-        if checkpoint is not None and checkpoint not in store.steps():
-            raise CheckpointError(f"{run} has no checkpoint {checkpoint}; it has {store.steps()}.")
-        found = store.restore_latest(on_damage=say) if checkpoint is None else store.restore(checkpoint)
-    finally:
-        store.close()
-    if found is None:
-        raise CheckpointError(f"{run} holds no complete checkpoint; run `python -m experiments.train --out {run}`.")
-    return found[0], found[1]
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
     try:
-        state, config = load_run(command.run, command.checkpoint)
+        state, config = load_run(command.run, command.checkpoint, say)
         say(f"Checkpoint of step {int(state.step)} ({config.method}).")
         planner = planner_from(config, state.params)
         sequences = standard_sequences(command.scenes, command.unseen_scenes, command.seed, say=say)

@@ -19,8 +19,10 @@ import tyro
 from experiments.console import config_file, console, exit_with, progress_bar, say
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.report import evaluate_all, standard_sequences
+from iwalker_jax.evaluation.sequences import Sequence
 from iwalker_jax.evaluation.tables import legend
 from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.config import PRESETS, TrainConfig, config_to_dict
 from iwalker_jax.training.datasets import load_training_frames
 from iwalker_jax.training.loop import Progress, TrainResult, batch_mesh, train
@@ -36,7 +38,8 @@ class Command:
         preset: which configuration the other options start from.
         data: folder of your own depth recording to train on instead of generated scenes.
         out: folder for checkpoints, metrics, tables and pictures; an existing run in it is resumed.
-        fresh: start anew even if the folder holds a run (its checkpoints are kept until overwritten).
+        fresh: start anew even if the folder holds a run, whose checkpoints are removed.
+        start_from: folder of another run whose trained networks this one starts from (fine-tuning).
         devices: number of devices to spread each batch over; on a CPU that many are made of its cores.
         tensorboard: also write TensorBoard events.
         unseen_scenes: held-out scenes of the final evaluation; 0 leaves them out.
@@ -47,6 +50,7 @@ class Command:
     data: Path | None = None
     out: Path = Path("runs/default")
     fresh: bool = False
+    start_from: Path | None = None
     devices: int = 1
     tensorboard: bool = False
     unseen_scenes: int = 60
@@ -82,6 +86,14 @@ def run_training(command: Command, data: TrainingData) -> TrainResult:
     """Train with a progress bar."""
     config = command.config
     frames = data.depth.shape[0]
+    start = None
+    if command.start_from is not None:
+        state, other = load_run(command.start_from, say=say)
+        if other.planner != config.planner:
+            raise InputError(
+                f"The networks of {command.start_from} have other sizes; use the options it was made with."
+            )
+        start = state.params
     with progress_bar("training", config.total_steps(frames)) as show:
 
         def report(progress: Progress) -> None:
@@ -97,6 +109,7 @@ def run_training(command: Command, data: TrainingData) -> TrainResult:
             data,
             command.out,
             resume=not command.fresh,
+            start_from=start,
             mesh=batch_mesh(command.devices),
             tensorboard=command.tensorboard,
             on_progress=report,
@@ -117,6 +130,9 @@ def main(arguments: list[str] | None = None) -> int:
         config_file(command.out).write_text(json.dumps(config_to_dict(command.config), indent=2) + "\n")
         planner = planner_from(command.config, result.state.params)
         sequences = standard_sequences(unseen_scenes=command.unseen_scenes, say=say)
+        if command.config.source.folder is not None:
+            frames = load_training_frames(command.config.source, say=lambda sentence: None)
+            sequences.append(Sequence("recording", frames, None))
         table = evaluate_all(planner, command.config.models, sequences, command.out / "evaluation", say=say)
     except (InputError, CheckpointError, FloatingPointError, OSError) as error:
         exit_with(error)

@@ -1,5 +1,6 @@
 """Evaluation on frames: the four test sequences and unseen generated scenes, planned in batches, scored row by row."""
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -7,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from flax import nnx
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.metrics import (
@@ -127,20 +129,14 @@ def evaluate_sequence(
     depth = frames.depth_metres()
     goals = frames.goals[:, goal_index]
 
-    @jax.jit
-    def plan_batch(depth, mounts, goals, keys):
-        maps = jax.vmap(lambda d, m: build_local_map(d, m, intrinsics))(depth, mounts)
-        state = jax.vmap(lambda key: sample_robot_state(key, models.steps, models.hlip))(keys)
-        plan = planner(depth, goals, state, mounts)
-        score = jax.vmap(lambda p, w, s, x, m: plan_metrics(p, w, s, x, m, models))
-        metrics, tracked = score(plan.path, plan.waypoints, plan.footsteps, state, maps.published)
-        return plan, tracked, metrics, state.stance_side, maps
-
+    # Parameters are arguments, so that one compiled program serves every sequence, checkpoint and seed.
+    graph, params = nnx.split(planner)
     keys = jax.random.split(jax.random.key(seed), n)
     parts: list[Any] = []
     for start in range(0, n, _BATCH):
         index = np.minimum(np.arange(start, start + _BATCH), n - 1)
-        out = plan_batch(jnp.asarray(depth[index]), frames.mounts[index], goals[index], keys[index])
+        batch = (jnp.asarray(depth[index]), frames.mounts[index], goals[index], keys[index])
+        out = _plan_batch(graph, params, *batch, models, intrinsics)
         parts.append(jax.tree.map(lambda x, keep=min(_BATCH, n - start): np.asarray(x[:keep]), out))
     plan, tracked, metrics, side, maps = jax.tree.map(lambda *x: np.concatenate(x), *parts)
 
@@ -162,6 +158,16 @@ def evaluate_sequence(
         served=served,
         maps=maps,
     )
+
+
+@functools.partial(jax.jit, static_argnames=("graph", "models", "intrinsics"))
+def _plan_batch(graph, params, depth, mounts, goals, keys, models: PlannerModels, intrinsics: Intrinsics):
+    maps = jax.vmap(lambda d, m: build_local_map(d, m, intrinsics))(depth, mounts)
+    state = jax.vmap(lambda key: sample_robot_state(key, models.steps, models.hlip))(keys)
+    plan = nnx.merge(graph, params)(depth, goals, state, mounts)
+    score = jax.vmap(lambda p, w, s, x, m: plan_metrics(p, w, s, x, m, models))
+    metrics, tracked = score(plan.path, plan.waypoints, plan.footsteps, state, maps.published)
+    return plan, tracked, metrics, state.stance_side, maps
 
 
 def _truth(sequence, goals, paths, footsteps, models, intrinsics) -> tuple[TrueMetrics, np.ndarray]:

@@ -10,7 +10,9 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject
-from iwalker_jax.planning.residual_network import Conv, Trunk, at_least_two_rows, trunk_size
+from iwalker_jax.perception.depth_cleanup import clean_depth
+from iwalker_jax.planning.goal_scan import SCAN_CHANNELS, GoalScan, goal_scan
+from iwalker_jax.planning.residual_network import Conv, Trunk, halve, trunk_size
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class IPathConfig:
         nearest_depth: [m] where the light variant's inverse-depth input saturates.
         camera: intrinsics with which the light variant turns pixels into points.
         mount: nominal mount, used where no measured one is given.
+        scan: bearings about the goal's direction that the light variant's head sees besides the image.
         goal_is_end: replace the last waypoint by the goal, as published; otherwise the end point is free.
     """
 
@@ -40,6 +43,7 @@ class IPathConfig:
     nearest_depth: float = 0.3
     camera: Intrinsics = Intrinsics()
     mount: CameraMount = CameraMount()
+    scan: GoalScan = GoalScan()
     goal_is_end: bool = False
 
     def __post_init__(self) -> None:
@@ -105,12 +109,12 @@ class IPath(nnx.Module):
         config = self.config
         near_goal = reduced_goal(goal, config.goal_reach)
         if config.variant == "paper":
-            features = self.trunk(depth[..., None])
+            waypoints, fear = self.head(self.trunk(depth[..., None]), near_goal)
         else:
             if mount is None:
                 mount = jnp.broadcast_to(config.mount.as_array(), (depth.shape[0], 5))
-            features = self.trunk(_light_input(depth, near_goal, mount, config.camera, config.nearest_depth))
-        waypoints, fear = self.head(features, near_goal)
+            image, scan = _light_input(depth, near_goal, mount, config)
+            waypoints, fear = self.head(self.trunk(image), scan, near_goal)
         if config.goal_is_end:
             waypoints = waypoints.at[:, -1].set(near_goal)
         return IPathOutput(waypoints, fear)
@@ -123,27 +127,28 @@ def _light_input(
     depth: Float[Array, "batch h w"],
     goal: Float[Array, "batch 2"],
     mount: Float[Array, "batch 5"],
-    camera: Intrinsics,
-    nearest_depth: float,
-) -> Float[Array, "batch h w c"]:
-    """What the light variant sees in each pixel: inverse depth, and where its point lies relative to the goal.
+    config: IPathConfig,
+) -> tuple[Float[Array, "batch h w c"], Float[Array, "batch features"]]:
+    """What the light variant sees in each pixel: inverse depth, and where its point lies relative to the goal; and the
+    scan about the goal's direction.
 
     Height above the floor, progress along the straight line to the goal and signed distance from that line
     make an obstacle on the way look the same wherever the goal is; a network that has to turn pixels into metres by
     itself needs many times the frames.
     """
+    depth = jax.vmap(clean_depth)(depth)
     valid = (depth > 0).astype(depth.dtype)
-    inverse = valid / jnp.maximum(depth, nearest_depth)
-    points = jax.vmap(lambda image, pose: backproject(image, camera, pose))(depth, mount)
+    inverse = valid / jnp.maximum(depth, config.nearest_depth)
+    points = jax.vmap(lambda image, pose: backproject(image, config.camera, pose))(depth, mount)
     ahead, lateral = _goal_axes(goal)
+    scan = jax.vmap(lambda p, v, a: goal_scan(p, v, a, config.scan))(points, valid, ahead)
     distance = jnp.sqrt(jnp.sum(goal**2, axis=-1) + 1e-2)[:, None, None]
     x, y = points[..., 0], points[..., 1]
-    ahead, lateral = ahead[:, None, None], lateral[:, None, None]
-    along = (x * ahead[..., 0] + y * ahead[..., 1]) / distance
-    across = x * lateral[..., 0] + y * lateral[..., 1]
+    along = (x * ahead[:, 0, None, None] + y * ahead[:, 1, None, None]) / distance
+    across = x * lateral[:, 0, None, None] + y * lateral[:, 1, None, None]
     height = jnp.clip(points[..., 2], -0.3, 1.2)
     columns = jnp.broadcast_to(jnp.linspace(-1.0, 1.0, depth.shape[2])[None, None, :], depth.shape)
-    return jnp.stack(
+    image = jnp.stack(
         [
             inverse,
             2.0 * valid * height,
@@ -154,6 +159,10 @@ def _light_input(
         ],
         axis=-1,
     )
+    # The scan keeps the full resolution; half of it is enough for the trunk and costs it a quarter of the time.
+    image = halve(image)
+    # How far the goal is turned from the camera's axis says which bearings lie out of view.
+    return image, jnp.concatenate([scan.reshape(depth.shape[0], -1), ahead], axis=-1)
 
 
 def _goal_axes(goal: Float[Array, "batch 2"]) -> tuple[Float[Array, "batch 2"], Float[Array, "batch 2"]]:
@@ -167,23 +176,26 @@ class _LightHead(nnx.Module):
     """Reduces the channels, keeps every image position, and adds the goal before two hidden layers."""
 
     def __init__(self, config: IPathConfig, rngs: nnx.Rngs):
-        height, width = trunk_size(config.height), trunk_size(config.width)
+        height, width = trunk_size(config.height // 2), trunk_size(config.width // 2)
         features = height * width * 8 * config.trunk_width
         hidden = config.hidden
         self.image = nnx.Linear(features, hidden, rngs=rngs)
         self.goal = nnx.Linear(6, hidden, rngs=rngs)
-        self.hidden1 = nnx.Linear(2 * hidden, hidden, rngs=rngs)
+        self.scan1 = nnx.Linear(config.scan.bins * SCAN_CHANNELS + 2, hidden, rngs=rngs)
+        self.scan2 = nnx.Linear(hidden, hidden, rngs=rngs)
+        self.hidden1 = nnx.Linear(3 * hidden, hidden, rngs=rngs)
         self.hidden2 = nnx.Linear(hidden, hidden, rngs=rngs)
         self.waypoints = nnx.Linear(hidden, 2 * config.waypoints, rngs=rngs)
         self.fear = nnx.Linear(hidden, 1, rngs=rngs)
         self.count = config.waypoints
 
-    def __call__(self, x, goal):
+    def __call__(self, x, scan, goal):
         batch = x.shape[0]
         image = jax.nn.relu(self.image(x.reshape(batch, -1)))
+        around = jax.nn.relu(self.scan2(jax.nn.relu(self.scan1(scan))))
         distance = jnp.sqrt(jnp.sum(goal**2, axis=-1, keepdims=True) + 1e-6)
         embedded = jnp.concatenate([goal, distance, goal / distance, 1.0 / (1.0 + distance)], axis=-1)
-        joint = jnp.concatenate([image, jax.nn.relu(self.goal(embedded))], axis=-1)
+        joint = jnp.concatenate([image, around, jax.nn.relu(self.goal(embedded))], axis=-1)
         joint = jax.nn.relu(self.hidden1(joint))
         joint = joint + jax.nn.relu(self.hidden2(joint))
         # Waypoints are departures from the evenly divided straight line, along it and across it.

@@ -124,3 +124,10 @@ def max_pool_3x3(x: Float[Array, "batch h w c"]) -> Float[Array, "batch h2 w2 c"
         parts = [jax.lax.slice_in_dim(padded, k, k + 2 * out - 1, 2, axis) for k in range(3)]
         x = jnp.maximum(jnp.maximum(parts[0], parts[1]), parts[2])
     return x
+
+
+def halve(x: Float[Array, "batch h w c"]) -> Float[Array, "batch h2 w2 c"]:
+    """Mean of every 2 x 2 block of pixels (an odd last row or column is dropped)."""
+    batch, height, width, channels = x.shape
+    x = x[:, : height // 2 * 2, : width // 2 * 2]
+    return x.reshape(batch, height // 2, 2, width // 2, 2, channels).mean(axis=(2, 4))

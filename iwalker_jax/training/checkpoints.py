@@ -2,6 +2,7 @@
 
 import json
 import logging
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -117,6 +118,29 @@ class CheckpointStore:
     def close(self) -> None:
         """Release orbax's threads."""
         self._manager.close()
+
+
+def load_run(
+    run: Path, checkpoint: int | None = None, say: Callable[[str], None] = print
+) -> tuple[TrainState, TrainConfig]:
+    """State and configuration of a run's checkpoint (the newest readable one by default); damage is said.
+
+    Raises:
+        CheckpointError: if the run has no checkpoint, or it cannot be read.
+    """
+    folder = run / "checkpoints"
+    if not folder.is_dir():
+        raise CheckpointError(f"{run} holds no checkpoints; run `python -m experiments.train --out {run}` first.")
+    store = CheckpointStore(folder)
+    try:
+        if checkpoint is not None and checkpoint not in store.steps():
+            raise CheckpointError(f"{run} has no checkpoint {checkpoint}; it has {store.steps()}.")
+        found = store.restore_latest(on_damage=say) if checkpoint is None else store.restore(checkpoint)
+    finally:
+        store.close()
+    if found is None:
+        raise CheckpointError(f"{run} holds no complete checkpoint; run `python -m experiments.train --out {run}`.")
+    return found[0], found[1]
 
 
 def _named_leaves(state: TrainState) -> dict[str, Any]:

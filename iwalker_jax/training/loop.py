@@ -74,7 +74,7 @@ def train(
         config: of the run. A resumed run must have the configuration it began with.
         data: frames and maps.
         folder: of the run.
-        resume: continue from the newest readable checkpoint in the folder, if there is one.
+        resume: continue from the newest readable checkpoint in the folder, if there is one; otherwise remove them.
         start_from: parameters to start from instead of a fresh initialisation (fine-tuning).
         mesh: devices for data parallelism, see `batch_mesh`.
         tensorboard: also write TensorBoard events.
@@ -90,6 +90,8 @@ def train(
     total = config.total_steps(frames)
     optimiser = make_optimiser(config, total)
     store = CheckpointStore(folder / "checkpoints", config.keep_checkpoints)
+    if not resume:
+        store.delete_after(-1)
     state = _restored(store, config, frames, say) if resume else None
     if state is None:
         state = initial_state(config, optimiser)

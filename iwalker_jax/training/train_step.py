@@ -62,7 +62,7 @@ def make_optimiser(config: TrainConfig, total_steps: int) -> optax.GradientTrans
         0.1 * config.learning_rate,
         config.learning_rate,
         min(100, max(1, total_steps // 10)),
-        total_steps,
+        max(2, total_steps),  # the schedule needs a step after its warm-up, even in a run of one
         config.final_learning_rate * config.learning_rate,
     )
 
