@@ -1,0 +1,103 @@
+"""The evaluation command: the same table as after training, one's own recording, and bad runs in one sentence."""
+
+import csv
+import json
+import shutil
+
+import cv2
+import pytest
+
+from tests.experiments.commands import SCENES, evaluate_command, fails_with_one_sentence
+from tests.training.recording_folders import write_yaml_recording
+
+
+def read_table(folder):
+    with (folder / "table.csv").open() as stream:
+        return {row.pop("scene"): row for row in csv.DictReader(stream)}
+
+
+def test_evaluation_repeats_the_table_of_training(finished_run, tmp_path, capsys):
+    """Oracle: the table that the training command left, from the parameters it had in memory."""
+    assert evaluate_command(finished_run.folder, "--out", str(tmp_path / "new")) == 0
+    again, first = read_table(tmp_path / "new"), read_table(finished_run.folder / "evaluation")
+    assert list(again) == list(SCENES)
+    for scene, row in again.items():
+        for title, value in row.items():
+            assert float(value) == pytest.approx(float(first[scene][title]), rel=1e-3, abs=1e-3, nan_ok=True)
+    printed = capsys.readouterr().out
+    assert "Checkpoint of step 4 (iwalker)" in printed
+    assert "lower is better" in printed
+
+
+def test_an_earlier_checkpoint_gives_another_table(finished_run, tmp_path, capsys):
+    assert evaluate_command(finished_run.folder, "--out", str(tmp_path), "--checkpoint", "2") == 0
+    assert "Checkpoint of step 2" in capsys.readouterr().out
+    first = read_table(finished_run.folder / "evaluation")
+    assert read_table(tmp_path)["office"]["feasibility"] != first["office"]["feasibility"]
+
+
+def test_ones_own_recording_is_scored_without_ground_truth(finished_run, tmp_path):
+    recording = write_yaml_recording(tmp_path / "walk", count=2)
+    assert evaluate_command(finished_run.folder, "--data", str(recording), "--out", str(tmp_path / "out")) == 0
+    row = read_table(tmp_path / "out")["recording"]
+    assert row["served %"] == "nan"
+    assert float(row["feasibility"]) > 0
+    sheet = cv2.imread(str(tmp_path / "out" / "recording.png"))
+    assert sheet is not None and sheet.std() > 10
+
+
+def _copy(finished_run, tmp_path):
+    shutil.copytree(finished_run.folder, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+def test_a_damaged_newest_checkpoint_is_said_and_the_one_before_is_used(finished_run, tmp_path, capsys):
+    run = _copy(finished_run, tmp_path)
+    for file in (run / "checkpoints" / "4" / "state").rglob("*"):
+        if file.is_file():
+            file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    assert evaluate_command(run, "--out", str(tmp_path / "out")) == 0
+    printed = capsys.readouterr().out
+    assert "Checkpoint 4" in printed and "cannot be read" in printed
+    assert "Checkpoint of step 2" in printed
+
+
+def test_only_damaged_checkpoints_are_one_sentence(finished_run, tmp_path, capsys):
+    run = _copy(finished_run, tmp_path)
+    for file in (run / "checkpoints").rglob("*"):
+        if file.is_file():
+            file.write_bytes(b"")
+    assert "cannot be read" in fails_with_one_sentence(lambda: evaluate_command(run), capsys)
+
+
+def test_a_checkpoint_of_another_version_is_one_sentence(finished_run, tmp_path, capsys):
+    run = _copy(finished_run, tmp_path)
+    for file in (run / "checkpoints").glob("*/meta/metadata"):
+        meta = json.loads(file.read_text())
+        meta["config"]["colour"] = "blue"
+        file.write_text(json.dumps(meta))
+    sentence = fails_with_one_sentence(lambda: evaluate_command(run), capsys)
+    assert "colour" in sentence
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--checkpoint", "3"), "no checkpoint 3"),
+        (("--data", "nowhere"), "no such folder"),
+        (("--scenes", "ballroom"), "ballroom"),
+    ],
+)
+def test_bad_options_are_one_sentence(finished_run, tmp_path, capsys, arguments, words):
+    run = lambda: evaluate_command(finished_run.folder, "--out", str(tmp_path), *arguments)  # noqa: E731
+    assert words in fails_with_one_sentence(run, capsys)
+
+
+@pytest.mark.parametrize("made", [False, True])
+def test_a_missing_or_empty_run_is_one_sentence(tmp_path, capsys, made):
+    folder = tmp_path / "absent"
+    if made:
+        (folder / "checkpoints").mkdir(parents=True)
+    sentence = fails_with_one_sentence(lambda: evaluate_command(folder), capsys)
+    assert "checkpoint" in sentence
+    assert "experiments.train" in sentence
