@@ -1,7 +1,7 @@
 """iPath: the network that turns a depth image and a goal into waypoints."""
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -90,7 +90,7 @@ class IPath(nnx.Module):
         self.config = config
         head = _PaperHead if config.variant == "paper" else _LightHead
         self.trunk = Trunk(1 if config.variant == "paper" else _LIGHT_CHANNELS, config.trunk_width, rngs)
-        self.head = head(config, rngs)
+        self.head: Any = head(config, rngs)
 
     def __call__(
         self,
@@ -101,13 +101,14 @@ class IPath(nnx.Module):
         """Plan for a batch.
 
         Args:
-            depth: z-depth [m], 0 = no return.
+            depth: z-depth [m]; 0, negative, NaN and inf mean no return. Cleaned here.
             goal: [m] in the base frame (x forward, y left), any distance.
             mount: camera mounts as in `CameraMount`, from the robot's IMU and kinematics or a floor fit; the
                 configured nominal mount if left out. The paper variant sees depth and goal alone.
         """
         config = self.config
         near_goal = reduced_goal(goal, config.goal_reach)
+        depth = jax.vmap(clean_depth)(depth)
         if config.variant == "paper":
             waypoints, fear = self.head(self.trunk(depth[..., None]), near_goal)
         else:
@@ -136,7 +137,6 @@ def _light_input(
     make an obstacle on the way look the same wherever the goal is; a network that has to turn pixels into metres by
     itself needs many times the frames.
     """
-    depth = jax.vmap(clean_depth)(depth)
     valid = (depth > 0).astype(depth.dtype)
     inverse = valid / jnp.maximum(depth, config.nearest_depth)
     points = jax.vmap(lambda image, pose: backproject(image, config.camera, pose))(depth, mount)

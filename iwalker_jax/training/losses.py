@@ -50,10 +50,10 @@ class LossWeights:
 
     tracking: float = 40.0
     route: float = 3.0
-    arrival: float = 1.0
+    arrival: float = 2.5
     regret: float = 0.3
     progress: float = 0.1
-    clearance: float = 2.0
+    clearance: float = 3.0
     fear: float = 0.1
     step_tracking: float = 100.0
     step_width: float = 100.0
@@ -87,7 +87,7 @@ class PlannerModels:
     steps: StepGeometry = StepGeometry()
     traversal: TraversalRules = TraversalRules()
     safety_margin: float = 0.15
-    blind_walking: float = 6.0
+    blind_walking: float = 3.0
 
 
 class PathLosses(NamedTuple):
