@@ -12,7 +12,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject
 from iwalker_jax.perception.depth_cleanup import clean_depth
 from iwalker_jax.planning.goal_scan import SCAN_CHANNELS, GoalScan, goal_scan
-from iwalker_jax.planning.residual_network import Conv, Trunk, halve, trunk_size
+from iwalker_jax.planning.residual_network import Conv, Trunk, at_least_two_rows, halve, trunk_size
 
 
 @dataclass(frozen=True)

@@ -66,9 +66,13 @@ def maps(images):
     return jax.jit(jax.vmap(lambda depth: build_local_map(depth, mount, Intrinsics())))(images)
 
 
+def make_planner(variant: str) -> Planner:
+    return Planner(PlannerConfig(ipath=IPathConfig(variant=variant, trunk_width=4, hidden=16)), nnx.Rngs(0))
+
+
 @pytest.fixture(scope="module")
 def planner() -> Planner:
-    return Planner(PlannerConfig(ipath=IPathConfig(trunk_width=4, hidden=16)), nnx.Rngs(0))
+    return make_planner("light")
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +123,16 @@ def test_every_bad_frame_gives_a_finite_plan(plan, images):
     rows = [list(FRAMES).index(f"{kind} speckles") for kind in ("NaN", "inf", "negative", "zero")]
     for row in rows[1:]:
         np.testing.assert_allclose(outcome.path[row], outcome.path[rows[0]], atol=1e-5)
+
+
+def test_the_published_network_takes_every_bad_frame_too(images):
+    """Its input is the bare image, so that invalid pixels must be gone before."""
+    planner = make_planner("paper")
+    outcome = jax.jit(lambda depth, goal: planner.plan_path(depth, goal))(
+        images, jnp.tile(jnp.asarray([3.0, 0.5]), (len(images), 1))
+    )
+    for value in outcome:
+        assert np.isfinite(value).all()
 
 
 def test_every_goal_gives_a_finite_plan(plan, images):
