@@ -102,9 +102,8 @@ def _footsteps(axis, result: SequenceResult, i: int) -> None:
         axis.plot(result.footsteps[i, side, 1], result.footsteps[i, side, 0], "s", color=colour, ms=3, label=label)
     axis.plot(result.path[i, :, 1], result.path[i, :, 0], "-", color="tab:red", linewidth=0.7)
     reach = max(1.2, float(np.abs(result.footsteps[i]).max()) + 0.2)
-    axis.set_xlim(reach / 2, -reach / 2)
-    axis.set_ylim(-0.3, reach)
-    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_xlim(0.6 * reach, -0.6 * reach)
+    axis.set_ylim(-0.3, reach - 0.1)
 
 
 def _distance_field(axis, result: SequenceResult, i: int) -> None:

@@ -50,8 +50,8 @@ class LossWeights:
 
     tracking: float = 40.0
     route: float = 3.0
-    arrival: float = 2.5
-    regret: float = 0.3
+    arrival: float = 2.0
+    regret: float = 0.4
     progress: float = 0.1
     clearance: float = 3.0
     fear: float = 0.1
@@ -87,7 +87,7 @@ class PlannerModels:
     steps: StepGeometry = StepGeometry()
     traversal: TraversalRules = TraversalRules()
     safety_margin: float = 0.15
-    blind_walking: float = 3.0
+    blind_walking: float = 4.5
 
 
 class PathLosses(NamedTuple):
