@@ -103,7 +103,7 @@ def batch_losses(planner: Planner, batch: Batch, config: TrainConfig) -> tuple[A
     path_terms: PathLosses | HeuristicLosses
     path, waypoints, fear = planner.plan_path(batch.depth, batch.goal, batch.mount)
     if config.method == "iplanner":
-        path_terms = jax.vmap(heuristic_losses)(path, waypoints, fear, batch.goal, batch.maps)
+        path_terms = jax.vmap(heuristic_losses)(path, fear, batch.goal, batch.maps)
         path_loss = jax.vmap(heuristic_sum)(path_terms)
     else:
         path_terms = jax.vmap(lambda p, f, m: path_losses(p, f, m, models, config.gradient))(path, fear, batch.maps)
