@@ -61,7 +61,7 @@ class TrainConfig:
     weights: LossWeights = LossWeights()
     gradient: GradientMode = "implicit"
     batch_size: int = 16
-    epochs: int = 240
+    epochs: int = 160
     learning_rate: float = 1.5e-3
     final_learning_rate: float = 0.02
     clip: float = 10.0
