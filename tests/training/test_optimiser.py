@@ -14,7 +14,7 @@ from iwalker_jax.training.train_step import make_optimiser
 @pytest.mark.parametrize("known_norm", [False, True])
 def test_clipping_equals_optax(size, known_norm):
     """Oracle: `optax.clip_by_global_norm` before `optax.adam`, below and above the largest norm, over three steps."""
-    config = TrainConfig(clip=10.0)
+    config = TrainConfig(clip=10.0, learning_rate=1e-3, final_learning_rate=0.02)
     schedule = optax.warmup_cosine_decay_schedule(1e-4, 1e-3, 10, 100, 2e-5)
     ours, oracle = make_optimiser(config, 100), optax.chain(optax.clip_by_global_norm(10.0), optax.adam(schedule))
     params = {"a": jnp.ones((3, 4)), "b": jnp.ones(5)}
