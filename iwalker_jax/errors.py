@@ -5,9 +5,5 @@ class InputError(ValueError):
     """Bad input (a file, shape, unit, name or value); the message says what is wrong and what to do."""
 
 
-class InputWarning(UserWarning):
-    """Input that was usable only after an assumption; the message names the assumption."""
-
-
 class CheckpointError(RuntimeError):
     """A checkpoint that cannot be written or read; the message says what is safe and what to do."""

@@ -48,11 +48,6 @@ def arc_length(path: Float[Array, "n 2"]) -> Float[Array, " n"]:
     return jnp.concatenate([jnp.zeros_like(steps[:1]), jnp.cumsum(steps)])
 
 
-def sample_at_arc_length(path: Float[Array, "n 2"], distances: Float[Array, " m"]) -> Float[Array, "m 2"]:
-    """Points [m] at the given distances [m] along a path; beyond its ends the end points are returned."""
-    return interpolate_along(arc_length(path), path, distances)
-
-
 def interpolate_along(
     lengths: Float[Array, " n"], values: Float[Array, "n d"], distances: Float[Array, " m"]
 ) -> Float[Array, "m d"]:
@@ -78,9 +73,12 @@ def interpolate_along(
 
 def _slopes(lengths: Float[Array, " n"], values: Float[Array, "n d"]) -> Float[Array, "n d"]:
     """Derivatives by central differences, one-sided at the ends; zero where the length does not grow."""
-    rise = jnp.concatenate([values[1:2] - values[:1], values[2:] - values[:-2], values[-1:] - values[-2:-1]])
-    run = jnp.concatenate([lengths[1:2] - lengths[:1], lengths[2:] - lengths[:-2], lengths[-1:] - lengths[-2:-1]])
-    return _ratio(rise, run[:, None])
+    return _ratio(_neighbour_differences(values), _neighbour_differences(lengths)[:, None])
+
+
+def _neighbour_differences(values: Float[Array, "n *d"]) -> Float[Array, "n *d"]:
+    """Next minus previous value along the first axis; at the ends, of the end and its only neighbour."""
+    return jnp.concatenate([values[1:2] - values[:1], values[2:] - values[:-2], values[-1:] - values[-2:-1]])
 
 
 def _ratio(numerator: Float[Array, "*n"], denominator: Float[Array, "*n"]) -> Float[Array, "*n"]:
@@ -90,13 +88,13 @@ def _ratio(numerator: Float[Array, "*n"], denominator: Float[Array, "*n"]) -> Fl
 
 def resample_by_arc_length(path: Float[Array, "n 2"], n_samples: int) -> Float[Array, "m 2"]:
     """The same path with evenly spaced points [m]; ends included."""
-    total = arc_length(path)[-1]
-    return sample_at_arc_length(path, jnp.linspace(0.0, 1.0, n_samples, dtype=path.dtype) * total)
+    lengths = arc_length(path)
+    return interpolate_along(lengths, path, jnp.linspace(0.0, 1.0, n_samples, dtype=path.dtype) * lengths[-1])
 
 
 def path_tangents(path: Float[Array, "n 2"]) -> Float[Array, "n 2"]:
     """Unit tangents of a path by central differences; (1, 0) where the path stands still."""
-    difference = jnp.concatenate([path[1:2] - path[:1], path[2:] - path[:-2], path[-1:] - path[-2:-1]])
+    difference = _neighbour_differences(path)
     length = jnp.sqrt(jnp.sum(difference**2, axis=-1, keepdims=True) + 1e-12)
     forward = jnp.zeros_like(difference).at[:, 0].set(1.0)
     moving = length > 1e-5

@@ -1,6 +1,6 @@
 """Routes through a scene's ground truth: which goals a walking body can really reach, and along which way."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -71,10 +71,7 @@ def shortest_distance(
     scene: SceneArrays, goal_xy: Float[Array, " 2"], rules: RouteRules = DEFAULT_ROUTE_RULES
 ) -> RouteMap:
     """Like `route_map`, with length [m] as the only cost: the yardstick of progress and path efficiency."""
-    origin = scene.bounds[:2]
-    free = free_cells(scene, rules)
-    solution = cost_to_go(jnp.where(free, 1.0, jnp.inf), goal_xy - origin, SCENE_GRID)
-    return RouteMap(free, solution.value.cost, origin)
+    return route_map(scene, goal_xy, replace(rules, discomfort=0.0))
 
 
 def cost_at(routes: RouteMap, points_xy: Float[Array, "*batch 2"]) -> Float[Array, "*batch"]:

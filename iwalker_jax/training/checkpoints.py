@@ -1,6 +1,5 @@
 """Checkpoints (orbax): parameters, optimiser state, random key, step and configuration, written atomically."""
 
-import json
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -72,9 +71,7 @@ class CheckpointStore:
         """
         advice = f"delete {self.folder / str(step)} to fall back to an earlier checkpoint"
         try:
-            meta = json.loads(json.dumps(self._manager.restore(step, args=ocp.args.Composite(
-                **{_META: ocp.args.JsonRestore()}
-            ))[_META]))  # fmt: skip
+            meta = self._manager.restore(step, args=ocp.args.Composite(**{_META: ocp.args.JsonRestore()}))[_META]
             config: TrainConfig = config_from_dict(TrainConfig, meta["config"])
             frames = int(meta["frames"])
             optimiser = make_optimiser(config, config.total_steps(frames))
