@@ -1,0 +1,78 @@
+"""What surrounds the robot in a picture: sky, lights, checker floor and the cameras that videos are filmed with."""
+
+from xml.etree.ElementTree import Element, SubElement
+
+# Camera name -> offset from the robot's centre of mass [m], picture x axis, picture y axis.
+_VIDEO_CAMERAS = {
+    "side": ("0.95 -1.15 0.42", "0.771 0.637 0 -0.173 0.209 0.962"),
+    "front": ("1.35 0 0.18", "0 1 0 -0.132 0 0.991"),
+    "top": ("0 0 2", "0 -1 0 1 0 0"),
+}
+
+
+def add_scenery_assets(asset: Element, floor: bool) -> None:
+    """Append the sky and, for the floor, its checker material."""
+    SubElement(
+        asset,
+        "texture",
+        name="sky",
+        type="skybox",
+        builtin="gradient",
+        rgb1="0.62 0.74 0.86",
+        rgb2="0.93 0.95 0.97",
+        width="256",
+        height="1536",
+    )
+    if not floor:
+        return
+    SubElement(
+        asset,
+        "texture",
+        name="floor",
+        type="2d",
+        builtin="checker",
+        mark="edge",
+        rgb1="0.72 0.74 0.76",
+        rgb2="0.62 0.64 0.67",
+        markrgb="0.82 0.83 0.85",
+        width="512",
+        height="512",
+    )
+    # Squares of a quarter metre.
+    SubElement(asset, "material", name="floor", texture="floor", texuniform="true", texrepeat="2 2", reflectance="0.08")
+
+
+def add_lights(world: Element) -> None:
+    """Append one sun that casts shadows."""
+    SubElement(
+        world,
+        "light",
+        name="sun",
+        type="directional",
+        pos="0 0 4",
+        dir="-0.35 0.4 -0.85",
+        diffuse="0.55 0.55 0.52",
+        specular="0.2 0.2 0.2",
+        castshadow="true",
+    )
+
+
+def add_floor(world: Element) -> None:
+    """Append the plane z = 0; only the foot spheres collide with it."""
+    SubElement(
+        world,
+        "geom",
+        name="floor",
+        type="plane",
+        size="0 0 0.25",
+        material="floor",
+        contype="0",
+        conaffinity="1",
+        condim="3",
+    )
+
+
+def add_video_cameras(base: Element) -> None:
+    """Append cameras that keep a fixed offset and direction while they follow the robot's centre of mass."""
+    for name, (offset, axes) in _VIDEO_CAMERAS.items():
+        SubElement(base, "camera", name=name, mode="trackcom", pos=offset, xyaxes=axes, fovy="40")
