@@ -1,0 +1,27 @@
+"""From sensor readings to the robot's state: the Kalman filter, and simulated sensors to try it on."""
+
+from iwalker_jax.estimation.estimator import EstimatorState, estimate_step, estimated_qpos_qvel, initial_estimate
+from iwalker_jax.estimation.parameters import EstimatorParameters
+from iwalker_jax.estimation.readings import Health, Readings
+from iwalker_jax.estimation.sensors import (
+    SensorNoise,
+    SensorState,
+    initial_sensors,
+    simulate_sensors,
+    specific_force,
+)
+
+__all__ = [
+    "EstimatorParameters",
+    "EstimatorState",
+    "Health",
+    "Readings",
+    "SensorNoise",
+    "SensorState",
+    "estimate_step",
+    "estimated_qpos_qvel",
+    "initial_estimate",
+    "initial_sensors",
+    "simulate_sensors",
+    "specific_force",
+]

@@ -1,0 +1,293 @@
+"""The state estimator: readings in, position, velocity and attitude of the base out, once per control period.
+
+An error-state filter: the gyro carries the attitude and the accelerometer the velocity; a Kalman filter
+(`axis_filter`) estimates base, feet and the acceleration's error from leg kinematics of the standing feet, the floor
+below them, and visual odometry's position. A horizontal acceleration error is a tilt error times gravity, so it turns
+the attitude at once and starts from zero again; a vertical one is the accelerometer's bias. Leg odometry thereby tells
+gravity from the sway of walking, which a filter that takes the accelerometer for the vertical cannot: such sway tilted
+it by a degree. That older rule remains as a weak anchor for when no foot stands. Visual odometry gives the heading.
+
+A foot is never switched: what the gait plan calls swing has a large process noise, so that it is forgotten, and no
+weight in leg odometry. A delayed image is compared with the estimate remembered for the image's time, shifted by what
+images have corrected since; the correction goes to the present, as over so short a delay odometry adds almost no
+error of its own.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.estimation import attitude, axis_filter
+from iwalker_jax.estimation.axis_filter import BIAS, POSITION, VELOCITY, Belief
+from iwalker_jax.estimation.parameters import EstimatorParameters
+from iwalker_jax.estimation.readings import Health, Readings, believable
+from iwalker_jax.robot.leg_kinematics import LegKinematics, foot_motion
+
+_FEET = (axis_filter.RIGHT_FOOT, axis_filter.LEFT_FOOT)
+_INITIAL_STD = (0.002, 0.02, 0.05, 0.002, 0.002)  # of p [m], v [m/s], b [m/s^2], r and l [m]
+
+
+class EstimatorState(NamedTuple):
+    """All that the filter remembers; fixed shapes, never NaN.
+
+    Attributes:
+        quaternion: (4,) wxyz, base to world.
+        angular_velocity: (3,) [rad/s] in the base frame, gyro bias taken off.
+        gyro_bias: (3,) [rad/s] in the base frame.
+        accelerometer_bias: () [m/s^2] along the vertical; its horizontal part passes for tilt.
+        position: (3,) [m] base origin in the world.
+        velocity: (3,) [m/s] of the base origin, world axes.
+        feet: (2, 3) [m] midfoot minus base origin, world axes (right, left).
+        covariance: (2, 5, 5) of `axis_filter`'s states: one horizontal axis, and the vertical axis.
+        contact_trust: (2,) in [0, 1], follows the contact plan.
+        joint_positions: (joints,) [rad] last believed reading.
+        joint_velocities: (joints,) [rad/s] likewise.
+        memory: (ticks, 4) past x, y, z [m] and unwrapped yaw [rad], newest first, without the image corrections.
+        image_correction: (4,) sum of all corrections of x, y, z and yaw by images.
+        health: what became of the last readings.
+    """
+
+    quaternion: Float[Array, "4"]
+    angular_velocity: Float[Array, "3"]
+    gyro_bias: Float[Array, "3"]
+    accelerometer_bias: Float[Array, ""]
+    position: Float[Array, "3"]
+    velocity: Float[Array, "3"]
+    feet: Float[Array, "2 3"]
+    covariance: Float[Array, "2 5 5"]
+    contact_trust: Float[Array, "2"]
+    joint_positions: Float[Array, "joints"]
+    joint_velocities: Float[Array, "joints"]
+    memory: Float[Array, "ticks 4"]
+    image_correction: Float[Array, "4"]
+    health: Health
+
+
+def initial_estimate(
+    legs: LegKinematics, qpos: Float[Array, "positions"], qvel: Float[Array, "velocities"], memory_ticks: int = 64
+) -> EstimatorState:
+    """The estimate of a robot whose state is known, within millimetres, at the start.
+
+    Args:
+        legs: the robot's leg kinematics.
+        qpos, qvel: state in MuJoCo's conventions.
+        memory_ticks: control periods to remember for delayed images; an older image is rejected.
+
+    Raises:
+        InputError: on other shapes or fewer than two remembered periods.
+    """
+    if qpos.ndim != 1 or qvel.shape != (qpos.shape[0] - 1,) or qpos.shape[0] < 7:
+        raise InputError(f"qpos and qvel must have shapes (n + 7,) and (n + 6,), got {qpos.shape} and {qvel.shape}.")
+    if memory_ticks < 2:
+        raise InputError(f"The estimator must remember at least 2 control periods for images, got {memory_ticks}.")
+    dtype = qpos.dtype
+    quaternion = qpos[3:7]
+    feet = foot_motion(legs, qpos[7:], qvel[6:]).position @ attitude.rotation_matrix(quaternion).T
+    pose = jnp.concatenate([qpos[:3], attitude.yaw_of(quaternion)[None]])
+    fine, calm = jnp.zeros((), bool), jnp.zeros((), dtype)
+    return EstimatorState(
+        quaternion=quaternion,
+        angular_velocity=qvel[3:6],
+        gyro_bias=jnp.zeros(3, dtype),
+        accelerometer_bias=calm,
+        position=qpos[:3],
+        velocity=qvel[:3],
+        feet=feet,
+        covariance=jnp.tile(jnp.diag(jnp.asarray(_INITIAL_STD, dtype) ** 2), (2, 1, 1)),
+        contact_trust=jnp.ones(2, dtype),
+        joint_positions=qpos[7:],
+        joint_velocities=qvel[6:],
+        memory=jnp.tile(pose, (memory_ticks, 1)),
+        image_correction=jnp.zeros(4, dtype),
+        health=Health(fine, fine, jnp.zeros(2, bool), fine, jnp.zeros(2, dtype), calm, calm),
+    )
+
+
+def estimate_step(
+    parameters: EstimatorParameters,
+    legs: LegKinematics,
+    state: EstimatorState,
+    readings: Readings,
+    contacts: Float[Array, "2"],
+) -> EstimatorState:
+    """Advance the estimate by one control period with that period's readings.
+
+    Args:
+        parameters: what the filter believes about its sensors.
+        legs: the robot's leg kinematics.
+        state: the estimate one period ago.
+        readings: of this period; what is NaN or out of range is left out and flagged in `health`.
+        contacts: (2,) in [0, 1] which feet the gait plan has on the floor (right, left).
+    """
+    period = parameters.control_period
+    contacts = jnp.clip(jnp.where(jnp.isfinite(contacts), contacts, 0), 0, 1)
+    trust = jnp.minimum(contacts, state.contact_trust + period / parameters.contact_ramp)
+
+    state, acceleration = _turn_and_accelerate(parameters, state, readings)
+    belief = _predicted(parameters, state, acceleration, trust)
+    state = _with_joints(parameters, legs, state, readings)
+    belief, state = _legs_measured(parameters, legs, belief, state, trust)
+    belief, state = _image_measured(parameters, belief, state, readings)
+
+    # A tilt error d (a rotation vector in the world) makes an acceleration error d x g.
+    error_x, error_y, bias = belief.mean[BIAS]
+    tilt = jnp.stack([error_y, -error_x, jnp.zeros_like(bias)]) / parameters.gravity
+    tilt = tilt @ attitude.rotation_matrix(state.quaternion)
+    return state._replace(
+        quaternion=attitude.turn_in_body(state.quaternion, tilt),
+        gyro_bias=state.gyro_bias - parameters.gyro_bias_gain * tilt,
+        position=belief.mean[POSITION],
+        velocity=belief.mean[VELOCITY],
+        accelerometer_bias=bias,
+        feet=belief.mean[jnp.asarray(_FEET)],
+        covariance=belief.covariance,
+        contact_trust=trust,
+    )
+
+
+def estimated_qpos_qvel(state: EstimatorState) -> tuple[Float[Array, "positions"], Float[Array, "velocities"]]:
+    """qpos and qvel in MuJoCo's conventions: linear velocity in the world frame, angular velocity in the base's."""
+    qpos = jnp.concatenate([state.position, state.quaternion, state.joint_positions])
+    return qpos, jnp.concatenate([state.velocity, state.angular_velocity, state.joint_velocities])
+
+
+def _turn_and_accelerate(
+    parameters: EstimatorParameters, state: EstimatorState, readings: Readings
+) -> tuple[EstimatorState, Float[Array, "3"]]:
+    """Attitude one period later, and the measured acceleration in world axes over the period [m/s^2]."""
+    period = parameters.control_period
+    gyro_fine = jnp.all(believable(readings.gyro, parameters.gyro_range))
+    force_fine = jnp.all(believable(readings.accelerometer, parameters.accelerometer_range))
+    rotation = attitude.rotation_matrix(state.quaternion)
+    vertical = rotation[2]
+    at_rest = (parameters.gravity + state.accelerometer_bias) * vertical
+    force = jnp.where(force_fine, readings.accelerometer, at_rest)
+    angular_velocity = jnp.where(gyro_fine, readings.gyro - state.gyro_bias, state.angular_velocity)
+    # The specific force belongs to the attitude at the beginning of the period.
+    error = attitude.tilt_error(vertical, force, parameters.gravity, parameters.tilt_gate)
+    turn = period * (angular_velocity + parameters.tilt_rate * error)
+    state = state._replace(
+        quaternion=attitude.turn_in_body(state.quaternion, turn),
+        angular_velocity=angular_velocity,
+        health=state.health._replace(gyro_rejected=~gyro_fine, accelerometer_rejected=~force_fine),
+    )
+    return state, rotation @ force - jnp.asarray([0, 0, 1], force.dtype) * parameters.gravity
+
+
+def _predicted(
+    parameters: EstimatorParameters, state: EstimatorState, acceleration: Float[Array, "3"], trust: Float[Array, "2"]
+) -> Belief:
+    """Belief carried over the period."""
+    period = parameters.control_period
+    bias = state.accelerometer_bias * jnp.asarray([0, 0, 1], acceleration.dtype)
+    mean = jnp.concatenate([jnp.stack([state.position, state.velocity, bias]), state.feet])
+    std = jnp.where(
+        state.health.accelerometer_rejected, parameters.missing_acceleration_noise, parameters.acceleration_noise
+    )
+    feet = trust * parameters.stance_walk**2 + (1 - trust) * parameters.swing_walk**2
+    walk = jnp.stack([jnp.zeros_like(std), jnp.zeros_like(std), std * 0 + parameters.acceleration_error_walk**2])
+    drift = period * jnp.concatenate([walk, feet])
+    return axis_filter.predict(Belief(mean, state.covariance), acceleration, period, std**2, drift)
+
+
+def _with_joints(
+    parameters: EstimatorParameters, legs: LegKinematics, state: EstimatorState, readings: Readings
+) -> EstimatorState:
+    """Take over the joint readings that can be believed and hold the others."""
+    fine = believable(readings.joint_positions, parameters.joint_position_range)
+    fine &= believable(readings.joint_velocities, parameters.joint_velocity_range)
+    count = legs.axes.shape[1]
+    by_leg = jnp.stack([jnp.all(fine[start : start + count]) for start in legs.starts])
+    return state._replace(
+        joint_positions=jnp.where(fine, readings.joint_positions, state.joint_positions),
+        joint_velocities=jnp.where(fine, readings.joint_velocities, state.joint_velocities),
+        health=state.health._replace(joints_rejected=~by_leg),
+    )
+
+
+def _legs_measured(
+    parameters: EstimatorParameters,
+    legs: LegKinematics,
+    belief: Belief,
+    state: EstimatorState,
+    trust: Float[Array, "2"],
+) -> tuple[Belief, EstimatorState]:
+    """Leg kinematics: where the feet are, how fast the base moves past those that stand, how high it is above them."""
+    gate = parameters.outlier_gate
+    rotation = attitude.rotation_matrix(state.quaternion)
+    motion = foot_motion(legs, state.joint_positions, state.joint_velocities)
+    position = motion.position @ rotation.T
+    velocity = (motion.velocity + jnp.cross(state.angular_velocity, motion.position)) @ rotation.T
+    usable = 1 - state.health.joints_rejected.astype(trust.dtype)
+    standing = trust * usable
+    everywhere, upwards = jnp.ones(2, trust.dtype), jnp.asarray([0, 1], trust.dtype)
+
+    residuals = []
+    variance = jnp.zeros_like(trust[0]) + parameters.foot_position_noise**2
+    for foot, row in enumerate(_FEET):
+        innovation = position[foot] - belief.mean[row]
+        belief, residual = axis_filter.update(belief, (row,), innovation, variance, usable[foot] * everywhere, gate)
+        residuals.append(residual)
+
+    # A standing foot does not move: the base's velocity is the negative of the foot's relative to it.
+    total = jnp.sum(standing)
+    odometry = -(standing @ velocity) / jnp.maximum(total, 1e-3)
+    variance = jnp.zeros_like(total) + parameters.foot_velocity_noise**2
+    belief, velocity_residual = axis_filter.update(
+        belief, (VELOCITY,), odometry - belief.mean[VELOCITY], variance, total * everywhere, gate
+    )
+
+    variance = jnp.zeros_like(total) + parameters.foot_height_noise**2
+    for foot, row in enumerate(_FEET):
+        innovation = -(belief.mean[POSITION] + belief.mean[row])
+        weight = parameters.flat_floor * standing[foot] * upwards
+        belief, _ = axis_filter.update(belief, (POSITION, row), innovation, variance, weight, gate)
+
+    health = state.health._replace(
+        foot_residual=jnp.stack(residuals) * usable,
+        velocity_residual=jnp.where(total > 0, velocity_residual, 0),
+    )
+    return belief, state._replace(health=health)
+
+
+def _image_measured(
+    parameters: EstimatorParameters, belief: Belief, state: EstimatorState, readings: Readings
+) -> tuple[Belief, EstimatorState]:
+    """Remember this period's pose, and correct by the visual odometry that arrived, if any."""
+    past = state.memory[0] + state.image_correction
+    turned = attitude.wrap_angle(attitude.yaw_of(state.quaternion) - past[3])
+    pose = jnp.concatenate([belief.mean[POSITION], (past[3] + turned)[None]])
+    memory = jnp.concatenate([(pose - state.image_correction)[None], state.memory[:-1]])
+
+    image = jnp.concatenate([readings.image_position, readings.image_yaw[None]])
+    ticks = memory.shape[0]
+    age = readings.image_age / parameters.control_period
+    fine = jnp.all(jnp.isfinite(image)) & (age >= 0) & (age <= ticks - 1)
+    used = readings.image_arrived & fine
+    # Weights of linear interpolation between the two remembered poses around the image's time.
+    hat = jnp.maximum(0, 1 - jnp.abs(jnp.arange(ticks) - jnp.where(used, age, 0)))
+    innovation = jnp.where(used, image, 0) - hat @ memory - state.image_correction
+    innovation = jnp.where(used, innovation.at[3].set(attitude.wrap_angle(innovation[3])), 0)
+
+    before = belief.mean[POSITION]
+    weight = jnp.ones(2, pose.dtype) * used
+    variance = jnp.zeros_like(age) + parameters.image_position_noise**2
+    belief, residual = axis_filter.update(
+        belief, (POSITION,), innovation[:3], variance, weight, parameters.outlier_gate
+    )
+    yaw = jnp.clip(innovation[3], -parameters.yaw_gate, parameters.yaw_gate)
+    turn = parameters.yaw_gain * yaw
+    correction = jnp.concatenate([belief.mean[POSITION] - before, turn[None]])
+    vertical = attitude.rotation_matrix(state.quaternion)[2]
+    health = state.health._replace(
+        image_rejected=readings.image_arrived & ~fine, image_residual=jnp.where(used, residual, 0)
+    )
+    return belief, state._replace(
+        quaternion=attitude.turn_about_vertical(state.quaternion, turn),
+        gyro_bias=state.gyro_bias - parameters.yaw_bias_gain * yaw * vertical,
+        memory=memory,
+        image_correction=state.image_correction + correction,
+        health=health,
+    )

@@ -1,0 +1,79 @@
+"""What the state estimator believes about its sensors, once, with units."""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import jax
+
+from iwalker_jax.errors import InputError
+
+Scalar = Any
+"""A Python float, or a traced () array when derivatives with respect to it are wanted."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class EstimatorParameters:
+    """Noise of the filter's model and measurements; a pytree, so that any of them may be traced and tuned.
+
+    Standard deviations are what the filter should allow for while walking (impacts, slip, tilt error), which is more
+    than the sensors' own noise.
+
+    Attributes:
+        control_period: [s] between two calls.
+        gravity: [m/s^2].
+        tilt_rate: [1/s] rate at which tilt follows the accelerometer besides; times the period it is the gain per tick.
+        tilt_gate: [m/s^2] departure of the accelerometer's magnitude from gravity at which that trust falls to 1/e.
+        gyro_bias_gain: [1/s] share of the filter's tilt corrections that goes to the gyro bias.
+        yaw_gain: share of a yaw innovation that is corrected at each image.
+        yaw_bias_gain: [1/s] share of it that goes to the gyro bias at each image.
+        acceleration_noise: [m/s^2] of each accelerometer sample.
+        missing_acceleration_noise: [m/s^2] when a sample is missing and constant velocity is assumed.
+        acceleration_error_walk: [m/s^2/sqrt(s)] how fast tilt error times gravity and accelerometer bias wander.
+        stance_walk: [m/sqrt(s)] slip and rocking of a foot that stands.
+        swing_walk: [m/sqrt(s)] freedom of a foot that does not; it is what makes the filter forget a foot's place.
+        foot_position_noise: [m] of leg kinematics.
+        foot_velocity_noise: [m/s] of leg kinematics, slip of the stance foot included.
+        foot_height_noise: [m] of the floor below a standing foot.
+        flat_floor: 1 if the floor is the plane z = 0, so that standing feet measure height; 0 to leave that out.
+        contact_ramp: [s] after touchdown during which trust in the foot grows from none to full (impact, late contact).
+        image_position_noise: [m] of visual odometry.
+        outlier_gate: [standard deviations] beyond which a measurement's weight falls as one over its residual (Huber).
+        yaw_gate: [rad] the same for visual odometry's yaw: a larger innovation counts as this.
+        gyro_range: [rad/s] beyond it a reading counts as missing.
+        accelerometer_range: [m/s^2] likewise.
+        joint_position_range: [rad] likewise.
+        joint_velocity_range: [rad/s] likewise.
+    """
+
+    control_period: Scalar = 0.002
+    gravity: Scalar = 9.81
+    tilt_rate: Scalar = 0.1
+    tilt_gate: Scalar = 3.0
+    gyro_bias_gain: Scalar = 0.02
+    yaw_gain: Scalar = 0.1
+    yaw_bias_gain: Scalar = 0.02
+    acceleration_noise: Scalar = 0.5
+    missing_acceleration_noise: Scalar = 5.0
+    acceleration_error_walk: Scalar = 0.05
+    stance_walk: Scalar = 0.004
+    swing_walk: Scalar = 0.5
+    foot_position_noise: Scalar = 0.001
+    foot_velocity_noise: Scalar = 0.1
+    foot_height_noise: Scalar = 0.004
+    flat_floor: Scalar = 1.0
+    contact_ramp: Scalar = 0.01
+    image_position_noise: Scalar = 0.007
+    outlier_gate: Scalar = 3.0
+    yaw_gate: Scalar = 0.05
+    gyro_range: Scalar = 35.0
+    accelerometer_range: Scalar = 160.0
+    joint_position_range: Scalar = 7.0
+    joint_velocity_range: Scalar = 60.0
+
+    def __post_init__(self) -> None:
+        may_be_zero = {"tilt_rate", "gyro_bias_gain", "yaw_gain", "yaw_bias_gain", "flat_floor"}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, (int, float)) and not (0 < value < 1e6 or (value == 0 and field.name in may_be_zero)):
+                raise InputError(f"EstimatorParameters.{field.name} must be a positive finite number, got {value}.")
