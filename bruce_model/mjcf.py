@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement
 from bruce_model.crouch import crouch_qpos
 from bruce_model.options import MjcfOptions, xml_elements
 from bruce_model.parameters import DEPTH_CAMERA, FOOT, Foot, Link, Motor
-from bruce_model.scenery import add_floor, add_lights, add_scenery_assets, add_video_cameras
+from bruce_model.scenery import add_floor, add_scenery_assets, add_spotlight, add_sun, add_video_cameras
 from bruce_model.shapes import COLOURS, Shape, all_shapes
 from bruce_model.symmetry import all_links, all_motors, all_sites
 
@@ -57,7 +57,7 @@ def _add_settings(root: Element, options: MjcfOptions) -> None:
     visual = SubElement(root, "visual")
     SubElement(visual, "global", offwidth="1920", offheight="1080")
     SubElement(visual, "map", znear="0.01", zfar="50")
-    SubElement(visual, "quality", shadowsize="4096", offsamples="8")
+    SubElement(visual, "quality", shadowsize="2048", offsamples="8")
     SubElement(visual, "headlight", ambient="0.35 0.35 0.35", diffuse="0.4 0.4 0.4", specular="0.1 0.1 0.1")
 
 
@@ -96,7 +96,7 @@ def _add_assets(root: Element, options: MjcfOptions) -> None:
 
 def _add_world(root: Element, options: MjcfOptions) -> None:
     world = SubElement(root, "worldbody")
-    add_lights(world)
+    add_sun(world)
     if options.floor:
         add_floor(world)
     bodies: dict[str | None, Element] = {None: world}
@@ -107,6 +107,7 @@ def _add_world(root: Element, options: MjcfOptions) -> None:
         SubElement(bodies[site.link], "site", {"class": "point"}, name=site.name, pos=_text(site.position))
     for side in ("r", "l"):
         _add_contact_spheres(bodies[f"foot_{side}"], side, FOOT)
+    add_spotlight(bodies["base"])
     add_video_cameras(bodies["base"])
     _add_depth_camera(bodies["base"])
     world.extend(options.worldbody_elements())

@@ -5,9 +5,10 @@ from xml.etree.ElementTree import Element, SubElement
 # Camera name -> offset from the robot's centre of mass [m], picture x axis, picture y axis.
 _VIDEO_CAMERAS = {
     "side": ("0.95 -1.15 0.42", "0.771 0.637 0 -0.173 0.209 0.962"),
-    "front": ("1.35 0 0.18", "0 1 0 -0.132 0 0.991"),
+    "front": ("1.25 0 0.4", "0 1 0 -0.305 0 0.952"),
     "top": ("0 0 2", "0 -1 0 1 0 0"),
 }
+_LIGHT_DIRECTION = "-0.36 0.4 -0.84"
 
 
 def add_scenery_assets(asset: Element, floor: bool) -> None:
@@ -42,21 +43,6 @@ def add_scenery_assets(asset: Element, floor: bool) -> None:
     SubElement(asset, "material", name="floor", texture="floor", texuniform="true", texrepeat="2 2", reflectance="0.08")
 
 
-def add_lights(world: Element) -> None:
-    """Append one sun that casts shadows."""
-    SubElement(
-        world,
-        "light",
-        name="sun",
-        type="directional",
-        pos="0 0 4",
-        dir="-0.35 0.4 -0.85",
-        diffuse="0.55 0.55 0.52",
-        specular="0.2 0.2 0.2",
-        castshadow="true",
-    )
-
-
 def add_floor(world: Element) -> None:
     """Append the plane z = 0; only the foot spheres collide with it."""
     SubElement(
@@ -69,6 +55,39 @@ def add_floor(world: Element) -> None:
         contype="0",
         conaffinity="1",
         condim="3",
+    )
+
+
+def add_sun(world: Element) -> None:
+    """Append the sun, which casts no shadow: the renderer's directional shadows are speckled far from the robot."""
+    SubElement(
+        world,
+        "light",
+        name="sun",
+        type="directional",
+        pos="0 0 4",
+        dir=_LIGHT_DIRECTION,
+        diffuse="0.4 0.4 0.38",
+        specular="0.1 0.1 0.1",
+        castshadow="false",
+    )
+
+
+def add_spotlight(base: Element) -> None:
+    """Append a lamp that follows the robot and casts its shadow."""
+    SubElement(
+        base,
+        "light",
+        name="spotlight",
+        type="spot",
+        mode="trackcom",
+        pos="1.3 -1.5 3.2",
+        dir=_LIGHT_DIRECTION,
+        cutoff="45",
+        exponent="8",
+        diffuse="0.3 0.3 0.3",
+        specular="0 0 0",
+        castshadow="true",
     )
 
 
