@@ -1,0 +1,226 @@
+"""Loading a robot: an MJCF model checked once, and everything index-like in it derived from names.
+
+A robot qualifies if it has a floating base, the joints `LEG_JOINTS` on both legs ahead of all other joints, the sites
+of `CONTACT_POINTS`, `FEET` and "imu", spheres or other geoms named as the contact points, and a motor per joint.
+"""
+
+from dataclasses import dataclass, field
+from os import PathLike
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Array, Float
+from mujoco import mjx
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.robot.support import check_supported
+
+LEG_JOINTS = ("hip_yaw", "hip_pitch", "hip_roll", "knee_pitch", "ankle_pitch")
+"""Joints of a leg, hip first; the right leg's carry the ending _r, the left's _l."""
+CONTACT_POINTS = ("toe_r", "heel_r", "toe_l", "heel_l")
+"""Sites where the feet touch the floor, and the geoms that do it."""
+FEET = ("midfoot_r", "midfoot_l")
+"""Sites midway between toe and heel at sole height, in the foot's axes."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class RobotModel:
+    """One robot; a pytree whose numbers may be traced (see `variation.vary`).
+
+    Joints are ordered as in the velocity vector: right leg, left leg, then the others.
+
+    Attributes:
+        model: the MJX model.
+        motor_moments: (nu, nv) generalised force of a unit motor torque.
+        motor_limits: (nu, 2) least and largest motor torque [N m].
+        tendon_moments: (nt, nv) rate of each tendon's length by velocity.
+        foot_chains: (2, nv) 1 for the velocities that move the right and the left foot, else 0.
+        body_chains: (nbody, nv) the same for every body.
+        home: (nq,) positions of the first keyframe, or the model's reference.
+        base, foot_bodies: bodies.
+        imu, contact_sites, foot_sites: sites, in the order of the module's constants.
+        contact_geoms: geoms of the contact points.
+        joint_names, motor_names: in the model's order.
+        time_step: [s] of the physics.
+        damped: whether any joint has viscous damping.
+    """
+
+    model: mjx.Model
+    motor_moments: Float[Array, "nu nv"]
+    motor_limits: Float[Array, "nu 2"]
+    tendon_moments: Float[Array, "nt nv"]
+    foot_chains: Float[Array, "2 nv"]
+    body_chains: Float[Array, "nbody nv"]
+    home: Float[Array, " nq"]
+    base: int = field(metadata={"static": True})
+    foot_bodies: tuple[int, ...] = field(metadata={"static": True})
+    imu: int = field(metadata={"static": True})
+    contact_sites: tuple[int, ...] = field(metadata={"static": True})
+    foot_sites: tuple[int, ...] = field(metadata={"static": True})
+    contact_geoms: tuple[int, ...] = field(metadata={"static": True})
+    joint_names: tuple[str, ...] = field(metadata={"static": True})
+    motor_names: tuple[str, ...] = field(metadata={"static": True})
+    time_step: float = field(metadata={"static": True})
+    damped: bool = field(metadata={"static": True})
+
+
+def load_robot(source: mujoco.MjModel | str | PathLike) -> RobotModel:
+    """Read and check a robot; load it in the precision it is to be used in.
+
+    Args:
+        source: a compiled model, the path of an MJCF file, or MJCF text.
+
+    Raises:
+        InputError: MuJoCo refuses the source, a name is missing, or the model uses what is not supported.
+    """
+    model = compile_model(source)
+    check_supported(model)
+    joints = [_name(model, "joint", k) for k in range(1, model.njnt)]
+    _check_joints(joints)
+    moments = motor_moments(model)
+    _check_motors(model, moments)
+    foot_sites = tuple(site_index(model, name) for name in FEET)
+    foot_bodies = tuple(int(model.site_bodyid[site]) for site in foot_sites)
+    contact_sites = tuple(site_index(model, name) for name in CONTACT_POINTS)
+    for k, name in enumerate(CONTACT_POINTS):
+        if model.site_bodyid[contact_sites[k]] != foot_bodies[k // 2]:
+            raise InputError(f"Sites {name!r} and {FEET[k // 2]!r} lie on different bodies; move both to the foot.")
+    imu = site_index(model, "imu")
+    base = int(model.jnt_bodyid[0])
+    if model.site_bodyid[imu] != base:
+        raise InputError("Site 'imu' is not on the floating base; move it there.")
+    chains = body_chains(model)
+    return RobotModel(
+        model=mjx.put_model(model, impl="jax"),
+        motor_moments=jnp.asarray(moments),
+        motor_limits=jnp.asarray(motor_limits(model)),
+        tendon_moments=jnp.asarray(tendon_moments(model)),
+        foot_chains=jnp.asarray(chains[list(foot_bodies)]),
+        body_chains=jnp.asarray(chains),
+        home=jnp.asarray(model.key_qpos[0] if model.nkey else model.qpos0),
+        base=base,
+        foot_bodies=foot_bodies,
+        imu=imu,
+        contact_sites=contact_sites,
+        foot_sites=foot_sites,
+        contact_geoms=tuple(_geom_index(model, name) for name in CONTACT_POINTS),
+        joint_names=tuple(joints),
+        motor_names=tuple(_name(model, "actuator", k) for k in range(model.nu)),
+        time_step=float(model.opt.timestep),
+        damped=bool(np.any(model.dof_damping > 0)),
+    )
+
+
+def compile_model(source: mujoco.MjModel | str | PathLike) -> mujoco.MjModel:
+    """The compiled model of a source.
+
+    Raises:
+        InputError: there is no such file, or MuJoCo refuses it.
+    """
+    if isinstance(source, mujoco.MjModel):
+        return source
+    try:
+        if isinstance(source, str) and source.lstrip().startswith("<"):
+            return mujoco.MjModel.from_xml_string(source)
+        return mujoco.MjModel.from_xml_path(str(source))
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"MuJoCo cannot load the robot ({reason}); give an MJCF file, its text or a model.") from error
+
+
+def site_index(model: mujoco.MjModel, name: str) -> int:
+    """Index of a site.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    if index < 0:
+        raise InputError(f"The robot has no site {name!r}; add it to the MJCF model.")
+    return index
+
+
+def tendon_moments(model: mujoco.MjModel) -> Float[np.ndarray, "nt nv"]:
+    """Rate of each fixed tendon's length by velocity, a constant."""
+    moments = np.zeros((model.ntendon, model.nv))
+    for tendon in range(model.ntendon):
+        first, count = model.tendon_adr[tendon], model.tendon_num[tendon]
+        for wrap in range(first, first + count):
+            moments[tendon, model.jnt_dofadr[model.wrap_objid[wrap]]] += model.wrap_prm[wrap]
+    return moments
+
+
+def motor_moments(model: mujoco.MjModel) -> Float[np.ndarray, "nu nv"]:
+    """Generalised force of a unit torque of each motor, a constant."""
+    moments = np.zeros((model.nu, model.nv))
+    tendons = tendon_moments(model)
+    for motor in range(model.nu):
+        target, gear = model.actuator_trnid[motor, 0], model.actuator_gear[motor, 0]
+        if model.actuator_trntype[motor] == mujoco.mjtTrn.mjTRN_TENDON:
+            moments[motor] = gear * tendons[target]
+        else:
+            moments[motor, model.jnt_dofadr[target]] = gear
+    return moments
+
+
+def motor_limits(model: mujoco.MjModel) -> Float[np.ndarray, "nu 2"]:
+    """Least and largest torque of each motor: the narrower of its control and force range [N m]."""
+    limits = np.tile([-np.inf, np.inf], (model.nu, 1))
+    for limited, span in (
+        (model.actuator_ctrllimited, model.actuator_ctrlrange),
+        (model.actuator_forcelimited, model.actuator_forcerange),
+    ):
+        chosen = limited.astype(bool)
+        limits[chosen, 0] = np.maximum(limits[chosen, 0], span[chosen, 0])
+        limits[chosen, 1] = np.minimum(limits[chosen, 1], span[chosen, 1])
+    return limits
+
+
+def body_chains(model: mujoco.MjModel) -> Float[np.ndarray, "nbody nv"]:
+    """1 where a velocity moves a body, else 0."""
+    chains = np.zeros((model.nbody, model.nv))
+    for body in range(1, model.nbody):
+        chains[body] = chains[model.body_parentid[body]]
+        first, count = model.body_dofadr[body], model.body_dofnum[body]
+        chains[body, first : first + count] = 1
+    return chains
+
+
+def _name(model: mujoco.MjModel, kind: str, index: int) -> str:
+    """Name of an object."""
+    return str(getattr(model, kind)(index).name)
+
+
+def _geom_index(model: mujoco.MjModel, name: str) -> int:
+    """Index of the geom of a contact point."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
+    if index < 0:
+        raise InputError(f"The robot has no geom {name!r}, which touches the floor; name the foot's contact geom so.")
+    return index
+
+
+def _check_joints(names: list[str]) -> None:
+    """Require the legs' joints, right leg first."""
+    wanted = [f"{name}_{side}" for side in "rl" for name in LEG_JOINTS]
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        raise InputError(f"The robot lacks the joints {', '.join(missing)}; name the legs' joints so.")
+    if names[: len(wanted)] != wanted:
+        raise InputError(
+            f"The robot's joints start {', '.join(names[: len(wanted)])}; order them {', '.join(wanted)}, then the rest."
+        )
+
+
+def _check_motors(model: mujoco.MjModel, moments: Float[np.ndarray, "nu nv"]) -> None:
+    """Require one motor a joint, the legs' first, that together can give any joint torques."""
+    joints = model.nv - 6
+    if model.nu != joints or np.linalg.matrix_rank(moments[:, 6:]) < joints:
+        raise InputError(
+            f"The robot's {model.nu} motors do not drive its {joints} joints one to one; add a motor each."
+        )
+    legs = 2 * len(LEG_JOINTS)
+    if np.any(moments[:legs, 6 + legs :]) or np.any(moments[legs:, 6 : 6 + legs]):
+        raise InputError(f"The first {legs} motors must drive the legs and the others the rest; reorder <actuator>.")
