@@ -210,7 +210,7 @@ def _check_joints(names: list[str]) -> None:
         raise InputError(f"The robot lacks the joints {', '.join(missing)}; name the legs' joints so.")
     if names[: len(wanted)] != wanted:
         raise InputError(
-            f"The robot's joints start {', '.join(names[: len(wanted)])}; order them {', '.join(wanted)}, then the rest."
+            f"The joints start {', '.join(names[: len(wanted)])}; order them {', '.join(wanted)}, then the rest."
         )
 
 

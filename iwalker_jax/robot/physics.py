@@ -1,0 +1,176 @@
+"""One step of the robot's physics: MJX's stages with a contact solver of our own; values equal `mjx.step`.
+
+A step comes in two halves so that a controller can use the kinematics in between: `smooth_stages` (rigid_body.py) of
+the state, then `complete_step` with the motor torques. Everything is differentiable in both modes; derivatives are
+those of the converged contact problem (contact_solver.py) and jump only where a contact or a joint limit opens or
+closes.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+from mujoco import mjx
+
+from iwalker_jax.robot.contact_solver import ContactProblem, ContactSolver, solve_contact, solve_symmetric
+from iwalker_jax.robot.model import RobotModel
+from iwalker_jax.robot.rigid_body import smooth_stages
+
+
+class PhysicsState(NamedTuple):
+    """State of the simulated robot.
+
+    Attributes:
+        qpos: (nq,) base position [m] and quaternion (wxyz), joint positions [rad].
+        qvel: (nv,) base velocity [m/s world, rad/s base frame], joint velocities [rad/s].
+        warmstart: (nv,) last acceleration, where the contact solver starts.
+        time: () [s].
+    """
+
+    qpos: Float[Array, " nq"]
+    qvel: Float[Array, " nv"]
+    warmstart: Float[Array, " nv"]
+    time: Float[Array, ""]
+
+
+class PhysicsInfo(NamedTuple):
+    """What happened in a step, at its beginning.
+
+    Attributes:
+        acceleration: (nv,) generalised acceleration.
+        contact_forces: (4, 3) [N] on the robot, world frame, by contact point.
+        contact_distances: (4,) [m] from each contact point to what it can touch; negative when it penetrates.
+        touching: (4,) bool, whether a contact point is pressed.
+        gyro: (3,) [rad/s] angular velocity in the IMU frame.
+        accelerometer: (3,) [m/s^2] specific force in the IMU frame; (0, 0, g) at rest on level ground.
+        residual: () of the contact solver, relative; iterations: () it took.
+    """
+
+    acceleration: Float[Array, " nv"]
+    contact_forces: Float[Array, "4 3"]
+    contact_distances: Float[Array, "4"]
+    touching: Bool[Array, "4"]
+    gyro: Float[Array, "3"]
+    accelerometer: Float[Array, "3"]
+    residual: Float[Array, ""]
+    iterations: Int[Array, ""]
+
+
+def initial_state(robot: RobotModel, qpos: Array | None = None, qvel: Array | None = None) -> PhysicsState:
+    """State at rest in the home posture, or with the given positions and velocities."""
+    qpos = robot.home if qpos is None else qpos
+    resting = jnp.zeros(robot.motor_moments.shape[1], qpos.dtype)
+    return PhysicsState(qpos, resting if qvel is None else qvel, resting, jnp.zeros((), qpos.dtype))
+
+
+def physics_step(
+    robot: RobotModel,
+    state: PhysicsState,
+    torques: Float[Array, " nu"],
+    external_force: Float[Array, "6"] | None = None,
+    solver: ContactSolver = ContactSolver(),
+) -> tuple[PhysicsState, PhysicsInfo]:
+    """Advance by one time step; see `complete_step`."""
+    data = smooth_stages(robot, state.qpos, state.qvel)
+    return complete_step(robot, state, data, torques, external_force, solver)
+
+
+def complete_step(
+    robot: RobotModel,
+    state: PhysicsState,
+    data: mjx.Data,
+    torques: Float[Array, " nu"],
+    external_force: Float[Array, "6"] | None = None,
+    solver: ContactSolver = ContactSolver(),
+) -> tuple[PhysicsState, PhysicsInfo]:
+    """Advance by one time step from smooth stages already done.
+
+    Args:
+        state: of the robot.
+        data: `smooth_stages` of this state.
+        torques: (nu,) motor torques [N m], clipped to the motors' limits.
+        external_force: (6,) force [N] and torque [N m] on the torso at its COM, world frame; none by default.
+        solver: settings of the contact solver.
+    """
+    model = robot.model
+    data = mjx.make_constraint(model, mjx.collision(model, data))
+    motors = jnp.clip(torques, robot.motor_limits[:, 0], robot.motor_limits[:, 1])
+    force = robot.motor_moments.T @ motors - data.qfrc_bias - model.dof_damping * data.qvel
+    if external_force is not None:
+        force = force.at[:6].add(_base_force(robot, data, external_force))
+    inside = data._impl
+    problem = ContactProblem(inside.M, force, inside.efc_J, inside.efc_D, inside.efc_aref)
+    solution = solve_contact(problem, state.warmstart, solver)
+    acceleration = solution.acceleration
+    step_acceleration = acceleration
+    if robot.damped:
+        # implicitfast: damping acts on the velocity at the end of the step.
+        damping = robot.time_step * model.dof_damping
+        late = solve_symmetric(inside.M + jnp.diag(damping), damping * acceleration)
+        step_acceleration = acceleration - late
+    qvel = state.qvel + robot.time_step * step_acceleration
+    qpos = _integrate(data.qpos, qvel, robot.time_step)
+    forces, distances = _contact_forces(robot, data, solution.forces)
+    gyro, accelerometer = _imu(robot, data, acceleration)
+    info = PhysicsInfo(
+        acceleration,
+        forces,
+        distances,
+        jnp.any(forces != 0, axis=1),
+        gyro,
+        accelerometer,
+        solution.residual,
+        solution.iterations,
+    )
+    return PhysicsState(qpos, qvel, acceleration, state.time + robot.time_step), info
+
+
+def _base_force(robot: RobotModel, data: mjx.Data, wrench: Float[Array, "6"]) -> Float[Array, "6"]:
+    """Generalised force on the base's velocities of a force and torque at the torso's COM, world frame."""
+    offset = data.xipos[robot.base] - data.subtree_com[robot.base]
+    force, torque = wrench[:3], wrench[3:] + jnp.cross(offset, wrench[:3])
+    return data.cdof[:6, 3:] @ force + data.cdof[:6, :3] @ torque
+
+
+def _integrate(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], time_step: float) -> Float[Array, " nq"]:
+    """Positions a time step later; the base turns about its own axes."""
+    half = time_step / 2 * qvel[3:6]
+    square = jnp.sum(half**2)
+    small = square < 1e-10
+    angle = jnp.sqrt(jnp.where(small, 1.0, square))
+    sinc = jnp.where(small, 1 - square / 6, jnp.sin(angle) / angle)
+    cosine = jnp.where(small, 1 - square / 2, jnp.cos(angle))
+    w, vector = qpos[3], qpos[4:7]
+    turn = sinc * half
+    quaternion = jnp.append(w * cosine - vector @ turn, w * turn + cosine * vector + jnp.cross(vector, turn))
+    quaternion = quaternion / jnp.linalg.norm(quaternion)
+    return jnp.concatenate([qpos[:3] + time_step * qvel[:3], quaternion, qpos[7:] + time_step * qvel[6:]])
+
+
+def _contact_forces(
+    robot: RobotModel, data: mjx.Data, row_forces: Float[Array, " m"]
+) -> tuple[Float[Array, "4 3"], Float[Array, "4"]]:
+    """World-frame force on each contact point, and its distance to the nearest geom it can touch."""
+    contact = data._impl.contact
+    edges = row_forces[-4 * contact.dim.size :].reshape(-1, 4)
+    friction = contact.friction[:, :2]
+    local = jnp.stack(
+        [jnp.sum(edges, 1), friction[:, 0] * (edges[:, 0] - edges[:, 1]), friction[:, 1] * (edges[:, 2] - edges[:, 3])],
+        1,
+    )
+    # A contact frame's first row points from its first geom to its second, and the force acts on the second.
+    world = jnp.einsum("ci,cij->cj", local, contact.frame)
+    points = jnp.asarray(robot.contact_geoms)[:, None]
+    second, first = contact.geom2 == points, contact.geom1 == points
+    forces = (second.astype(world.dtype) - first) @ world
+    return forces, jnp.min(jnp.where(first | second, contact.dist, jnp.inf), axis=1)
+
+
+def _imu(robot: RobotModel, data: mjx.Data, acceleration: Float[Array, " nv"]) -> tuple[Array, Array]:
+    """Gyroscope and accelerometer readings in the IMU frame."""
+    rotation, velocity = data.site_xmat[robot.imu], data.cvel[robot.base]
+    spatial = data.cdof_dot[:6].T @ data.qvel[:6] + data.cdof[:6].T @ acceleration[:6]
+    offset = data.site_xpos[robot.imu] - data.subtree_com[robot.base]
+    point_velocity = velocity[3:] + jnp.cross(velocity[:3], offset)
+    point = spatial[3:] + jnp.cross(spatial[:3], offset) + jnp.cross(velocity[:3], point_velocity)
+    return rotation.T @ velocity[:3], rotation.T @ (point - robot.model.opt.gravity)
