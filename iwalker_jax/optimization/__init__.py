@@ -1,6 +1,9 @@
 """The lower-level optimisations and their derivatives; knows no robot, no network and no sensor."""
 
 from iwalker_jax.optimization.hlip import HlipParameters
+from iwalker_jax.optimization.qp import QpPoint, cold_start, explain, solve_qp
+from iwalker_jax.optimization.qp_problem import QuadraticProgram, load_program, quadratic_program
+from iwalker_jax.optimization.qp_settings import QpSettings, control_settings
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status, describe
 from iwalker_jax.optimization.step_mpc import solve_step_mpc
 from iwalker_jax.optimization.step_mpc_bounded import solve_bounded_step_mpc
@@ -12,6 +15,9 @@ from iwalker_jax.optimization.unicycle_mpc import solve_unicycle
 __all__ = [
     "GradientMode",
     "HlipParameters",
+    "QpPoint",
+    "QpSettings",
+    "QuadraticProgram",
     "Solution",
     "Status",
     "StepMpcWeights",
@@ -19,9 +25,15 @@ __all__ = [
     "StepReach",
     "UnicycleParameters",
     "UnicyclePlan",
+    "cold_start",
+    "control_settings",
     "describe",
+    "explain",
     "initial_state_from_reference",
+    "load_program",
+    "quadratic_program",
     "solve_bounded_step_mpc",
+    "solve_qp",
     "solve_step_mpc",
     "solve_unicycle",
 ]

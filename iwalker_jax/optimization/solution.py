@@ -16,6 +16,8 @@ class Status(IntEnum):
     MAX_ITERATIONS = 1
     NON_FINITE = 2
     INFEASIBLE = 3
+    UNBOUNDED = 4
+    NOT_CONVEX = 5
 
 
 _SENTENCES = {
@@ -27,6 +29,14 @@ _SENTENCES = {
     Status.NON_FINITE: (
         "The inputs or an iterate were not finite; the value is the last finite iterate. "
         "Check the inputs for NaN, infinities and extreme scales."
+    ),
+    Status.UNBOUNDED: (
+        "The cost falls without limit along a direction that no constraint stops; the value is a point on the way. "
+        "Add a small quadratic cost or the missing bounds."
+    ),
+    Status.NOT_CONVEX: (
+        "The cost curves downwards in some direction; the value is no minimum. "
+        "Check the sign of the weights, or add a multiple of the identity to P."
     ),
     Status.INFEASIBLE: ("No point satisfies all constraints; the value is the least violating one. Relax the bounds."),
 }

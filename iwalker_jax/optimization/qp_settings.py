@@ -1,0 +1,53 @@
+"""Settings of the quadratic-program solver."""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+
+from iwalker_jax.errors import InputError
+
+
+@dataclass(frozen=True)
+class QpSettings:
+    """How long to search and when to be content; frozen and hashable, a static argument under jit.
+
+    Attributes:
+        rounds: searches for the active set; a failed one is followed by ADMM, whose point starts the next.
+        pivots: rows added or dropped in one search at most; None allows 5 (rows + 10).
+        refinements: corrections of the point by the true residual after each search.
+        admm_iterations: ADMM iterations after a failed search, and all of them when derivatives are unrolled.
+        relaxation: ADMM's over-relaxation, in (0, 2).
+        tolerance: largest relative residual of a converged solve (see `solve_qp`); None takes 3e-4 in single and
+            1e-8 in double precision.
+        penalty: ADMM's first penalty in the metric of the cost, where 1 is natural; 1000 times it for equalities.
+    """
+
+    rounds: int = 20
+    pivots: int | None = None
+    refinements: int = 2
+    admm_iterations: int = 100
+    relaxation: float = 1.6
+    tolerance: float | None = None
+    penalty: float = 1.0
+
+    def __post_init__(self) -> None:
+        counts = {"rounds": self.rounds, "pivots": self.pivots or 1, "admm_iterations": self.admm_iterations}
+        for name, value in counts.items():
+            if value < 1:
+                raise InputError(f"QpSettings.{name} is {value}; give at least 1.")
+        if self.refinements < 0:
+            raise InputError(f"QpSettings.refinements is {self.refinements}; give 0 or more.")
+        if not 0 < self.relaxation < 2:
+            raise InputError(f"QpSettings.relaxation is {self.relaxation}; ADMM converges only between 0 and 2.")
+        for name, size in {"tolerance": self.tolerance, "penalty": self.penalty}.items():
+            if size is not None and not size > 0:
+                raise InputError(f"QpSettings.{name} is {size}; give a positive number.")
+
+    def tolerance_for(self, dtype: jnp.dtype) -> float:
+        """The tolerance, or the default of a precision."""
+        return self.tolerance or (3e-4 if dtype == jnp.float32 else 1e-8)
+
+
+def control_settings(pivots: int = 60, refinements: int = 1) -> QpSettings:
+    """One warm-started search and no second chance: for a control loop, whose next tick is the second chance."""
+    return QpSettings(rounds=1, pivots=pivots, refinements=refinements)
