@@ -5,11 +5,10 @@ the measured acceleration [m/s^2], r and l the right and left foot minus the bas
 base keep the covariance well conditioned in single precision however far the robot has walked: leg kinematics then
 measures a state itself, not a small difference of two large ones. With isotropic noise the axes decouple, and x and
 y share one covariance; z has its own, since only z hears of the floor.
-Source: Bloesch et al., "State estimation for legged robots" (2012), whose attitude error enters here through b alone.
+Where b stands for a tilt error b / g, leg kinematics feels it too: a foot at depth h below the base is seen h b / g
+too far along. Source: Bloesch et al., "State estimation for legged robots" (2012), linearised about standing upright.
 """
 
-import functools
-import operator
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -37,6 +36,18 @@ class Belief(NamedTuple):
     covariance: Float[Array, "2 5 5"]
 
 
+def measures(*states: int) -> np.ndarray:
+    """(2, 5) row of a measurement of the sum of some states, alike on all axes."""
+    return np.tile(np.isin(np.arange(5), states).astype(np.float32), (2, 1))
+
+
+def measures_foot(foot: int, depth: Float[Array, ""], gravity: float) -> Float[Array, "2 5"]:
+    """Row of leg kinematics: the foot's state and, horizontally, how far tilt swings a foot at this depth [m]."""
+    swing = np.zeros((2, 5), np.float32)
+    swing[0, BIAS] = -1
+    return jnp.asarray(swing) * (depth / gravity) + measures(foot)
+
+
 def predict(
     belief: Belief,
     acceleration: Float[Array, "3"],
@@ -59,24 +70,24 @@ def predict(
     column = -transition[:, BIAS] + jnp.asarray(np.eye(5)[BIAS], dtype)
     mean = transition @ belief.mean + column[:, None] * acceleration
     covariance = transition @ belief.covariance @ transition.T
-    noise = acceleration_variance * column[:, None] * column + jnp.diag(drift)
+    noise = acceleration_variance * column[:, None] * column + jnp.asarray(np.eye(5), dtype) * drift
     covariance += noise
     return Belief(mean, (covariance + jnp.swapaxes(covariance, 1, 2)) / 2)
 
 
 def update(
     belief: Belief,
-    rows: tuple[int, ...],
+    row: Float[Array, "2 5"] | np.ndarray,
     innovation: Float[Array, "3"],
     variance: Float[Array, ""],
     weight: Float[Array, "2"],
     gate: float,
 ) -> tuple[Belief, Float[Array, ""]]:
-    """Take in one measurement of the sum of some states, on all three axes; return its residual as well.
+    """Take in one measurement, a weighted sum of the states on each axis; return its residual as well.
 
     Args:
-        rows: which states are summed (static).
-        innovation: (3,) measurement minus the mean.
+        row: (2, 5) weights of the states, for the horizontal axes and the vertical one.
+        innovation: (3,) measurement minus the same sum of the mean.
         variance: () of the measurement on each axis.
         weight: (2,) 1 to use it, 0 not to, between to trust it less; for the horizontal axes and the vertical one.
         gate: [standard deviations] beyond which the weight falls as one over the residual (Huber).
@@ -84,8 +95,8 @@ def update(
     Returns:
         The belief, and the innovation's root mean square in standard deviations over the axes in use.
     """
-    cross = functools.reduce(operator.add, [belief.covariance[:, :, row] for row in rows])
-    spread = functools.reduce(operator.add, [cross[:, row] for row in rows])
+    cross = jnp.sum(belief.covariance * row[:, None, :], axis=2)
+    spread = jnp.sum(cross * row, axis=1)
     squares = jnp.stack([(innovation[0] ** 2 + innovation[1] ** 2) / 2, innovation[2] ** 2]) / (spread + variance)
     trust = weight * gate / jnp.maximum(jnp.sqrt(squares + 1e-12), gate)
     scale = trust / (trust * spread + variance)

@@ -141,7 +141,7 @@ def estimate_step(
         position=belief.mean[POSITION],
         velocity=belief.mean[VELOCITY],
         accelerometer_bias=bias,
-        feet=belief.mean[jnp.asarray(_FEET)],
+        feet=belief.mean[axis_filter.RIGHT_FOOT :],
         covariance=belief.covariance,
         contact_trust=trust,
     )
@@ -226,9 +226,11 @@ def _legs_measured(
 
     residuals = []
     variance = jnp.zeros_like(trust[0]) + parameters.foot_position_noise**2
-    for foot, row in enumerate(_FEET):
-        innovation = position[foot] - belief.mean[row]
-        belief, residual = axis_filter.update(belief, (row,), innovation, variance, usable[foot] * everywhere, gate)
+    for foot, state_index in enumerate(_FEET):
+        row = axis_filter.measures_foot(state_index, -position[foot, 2], parameters.gravity)
+        tilted = belief.mean[BIAS] * jnp.stack([row[0, BIAS], row[0, BIAS], row[1, BIAS]])
+        innovation = position[foot] - belief.mean[state_index] - tilted
+        belief, residual = axis_filter.update(belief, row, innovation, variance, usable[foot] * everywhere, gate)
         residuals.append(residual)
 
     # A standing foot does not move: the base's velocity is the negative of the foot's relative to it.
@@ -236,14 +238,16 @@ def _legs_measured(
     odometry = -(standing @ velocity) / jnp.maximum(total, 1e-3)
     variance = jnp.zeros_like(total) + parameters.foot_velocity_noise**2
     belief, velocity_residual = axis_filter.update(
-        belief, (VELOCITY,), odometry - belief.mean[VELOCITY], variance, total * everywhere, gate
+        belief, axis_filter.measures(VELOCITY), odometry - belief.mean[VELOCITY], variance, total * everywhere, gate
     )
 
     variance = jnp.zeros_like(total) + parameters.foot_height_noise**2
-    for foot, row in enumerate(_FEET):
-        innovation = -(belief.mean[POSITION] + belief.mean[row])
+    for foot, state_index in enumerate(_FEET):
+        innovation = -(belief.mean[POSITION] + belief.mean[state_index])
         weight = parameters.flat_floor * standing[foot] * upwards
-        belief, _ = axis_filter.update(belief, (POSITION, row), innovation, variance, weight, gate)
+        belief, _ = axis_filter.update(
+            belief, axis_filter.measures(POSITION, state_index), innovation, variance, weight, gate
+        )
 
     health = state.health._replace(
         foot_residual=jnp.stack(residuals) * usable,
@@ -268,16 +272,15 @@ def _image_measured(
     used = readings.image_arrived & fine
     # Weights of linear interpolation between the two remembered poses around the image's time.
     hat = jnp.maximum(0, 1 - jnp.abs(jnp.arange(ticks) - jnp.where(used, age, 0)))
-    innovation = jnp.where(used, image, 0) - hat @ memory - state.image_correction
-    innovation = jnp.where(used, innovation.at[3].set(attitude.wrap_angle(innovation[3])), 0)
+    innovation = jnp.where(used, image - hat @ memory - state.image_correction, 0)
+    yaw = jnp.clip(attitude.wrap_angle(innovation[3]), -parameters.yaw_gate, parameters.yaw_gate)
 
     before = belief.mean[POSITION]
     weight = jnp.ones(2, pose.dtype) * used
     variance = jnp.zeros_like(age) + parameters.image_position_noise**2
     belief, residual = axis_filter.update(
-        belief, (POSITION,), innovation[:3], variance, weight, parameters.outlier_gate
+        belief, axis_filter.measures(POSITION), innovation[:3], variance, weight, parameters.outlier_gate
     )
-    yaw = jnp.clip(innovation[3], -parameters.yaw_gate, parameters.yaw_gate)
     turn = parameters.yaw_gain * yaw
     correction = jnp.concatenate([belief.mean[POSITION] - before, turn[None]])
     vertical = attitude.rotation_matrix(state.quaternion)[2]

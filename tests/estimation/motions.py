@@ -129,7 +129,7 @@ def _reach(model, data, qpos, sites, feet, yaws) -> None:
 
 
 @functools.cache
-def squat(seconds: float = 3.0) -> Motion:
+def squat(seconds: float = 4.0) -> Motion:
     """C MuJoCo: both feet on the floor, joints under PD control follow a squat with a sideways sway."""
     model = mujoco.MjModel.from_xml_path(str(BRUCE_XML))
     model.dof_damping[6:] = 1.5  # implicit, so that the light ankles stay stable

@@ -47,7 +47,12 @@ def test_predict_and_update_equal_the_textbook(x64):
     for rows, std in MEASUREMENTS:
         innovation = rng.normal(size=3) * 0.01
         belief, _ = axis_filter.update(
-            belief, rows, jnp.asarray(innovation), jnp.asarray(std**2), jnp.asarray([1.0, 0.5]), 1e9
+            belief,
+            axis_filter.measures(*rows),
+            jnp.asarray(innovation),
+            jnp.asarray(std**2),
+            jnp.asarray([1.0, 0.5]),
+            1e9,
         )
         h = np.isin(np.arange(5), rows).astype(float)
         for axis, weight in enumerate((1.0, 1.0, 0.5)):
@@ -69,7 +74,9 @@ def test_outlier_pulls_no_harder_than_at_the_gate(x64):
 
     def pull(size):
         innovation = jnp.full(3, size * np.sqrt(spread + std**2))
-        moved, residual = axis_filter.update(belief, (VELOCITY,), innovation, jnp.asarray(std**2), jnp.ones(2), 3.0)
+        moved, residual = axis_filter.update(
+            belief, axis_filter.measures(VELOCITY), innovation, jnp.asarray(std**2), jnp.ones(2), 3.0
+        )
         return float(moved.mean[VELOCITY, 0] - belief.mean[VELOCITY, 0]), float(residual)
 
     assert np.isclose(pull(2.0)[0], 2 / 3 * pull(3.0)[0], rtol=1e-2)
@@ -96,7 +103,12 @@ def test_covariance_is_consistent(x64):
             for i, (rows, std) in enumerate(MEASUREMENTS[:3]):
                 reading = truth[rows[0]] + std * noise[6 + i]
                 belief, _ = axis_filter.update(
-                    belief, rows, reading - belief.mean[rows[0]], jnp.asarray(std**2), jnp.ones(2), 1e9
+                    belief,
+                    axis_filter.measures(*rows),
+                    reading - belief.mean[rows[0]],
+                    jnp.asarray(std**2),
+                    jnp.ones(2),
+                    1e9,
                 )
             error = belief.mean - truth
             by_axis = belief.covariance[jnp.asarray([0, 0, 1])]
@@ -121,7 +133,9 @@ def test_single_precision_stays_symmetric_positive_definite_far_from_home():
         feet = jnp.stack([jnp.where(swing == 0, 0.25, 1.6e-5), jnp.where(swing == 1, 0.25, 1.6e-5)]) * PERIOD
         belief = axis_filter.predict(belief, jnp.zeros(3), PERIOD, jnp.asarray(0.25), drift.at[3:].set(feet))
         for rows, std in MEASUREMENTS[:3]:
-            belief, _ = axis_filter.update(belief, rows, jnp.zeros(3), jnp.asarray(std**2), jnp.ones(2), 3.0)
+            belief, _ = axis_filter.update(
+                belief, axis_filter.measures(*rows), jnp.zeros(3), jnp.asarray(std**2), jnp.ones(2), 3.0
+            )
         return belief, None
 
     start = Belief(jnp.zeros((5, 3)), jnp.tile(jnp.diag(jnp.asarray([4e-6, 4e-4, 2.5e-3, 4e-6, 4e-6])), (2, 1, 1)))
