@@ -1,6 +1,6 @@
 """From sensor readings to the robot's state: the Kalman filter, and simulated sensors to try it on."""
 
-from iwalker_jax.estimation.estimator import EstimatorState, estimate_step, estimated_qpos_qvel, initial_estimate
+from iwalker_jax.estimation.estimator import estimate_step
 from iwalker_jax.estimation.parameters import EstimatorParameters
 from iwalker_jax.estimation.readings import Health, Readings
 from iwalker_jax.estimation.sensors import (
@@ -10,6 +10,7 @@ from iwalker_jax.estimation.sensors import (
     simulate_sensors,
     specific_force,
 )
+from iwalker_jax.estimation.state import EstimatorState, estimated_qpos_qvel, initial_estimate
 
 __all__ = [
     "EstimatorParameters",

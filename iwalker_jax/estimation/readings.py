@@ -52,11 +52,6 @@ class Health(NamedTuple):
     image_residual: Float[Array, ""]
 
 
-def no_image(readings: Readings) -> Readings:
-    """The same readings without visual odometry."""
-    return readings._replace(image_arrived=jnp.zeros_like(readings.image_arrived))
-
-
 def believable(values: Float[Array, "*shape"], limit: float) -> Bool[Array, "*shape"]:
     """Where values are finite and at most `limit` in size; NaN compares as false."""
     return jnp.abs(values) <= limit

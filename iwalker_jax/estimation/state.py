@@ -1,0 +1,95 @@
+"""What the state estimator remembers, how it begins, and what it says about the robot."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.estimation import attitude
+from iwalker_jax.estimation.readings import Health
+from iwalker_jax.robot.leg_kinematics import LegKinematics, foot_motion
+
+_INITIAL_STD = (0.002, 0.02, 0.05, 0.002, 0.002)  # of p [m], v [m/s], b [m/s^2], r and l [m]
+
+
+class EstimatorState(NamedTuple):
+    """All that the filter remembers; fixed shapes, never NaN.
+
+    Attributes:
+        quaternion: (4,) wxyz, base to world.
+        angular_velocity: (3,) [rad/s] in the base frame, gyro bias taken off.
+        gyro_bias: (3,) [rad/s] in the base frame.
+        accelerometer_bias: () [m/s^2] along the vertical; its horizontal part passes for tilt.
+        position: (3,) [m] base origin in the world.
+        velocity: (3,) [m/s] of the base origin, world axes.
+        feet: (2, 3) [m] midfoot minus base origin, world axes (right, left).
+        covariance: (2, 5, 5) of `axis_filter`'s states: one horizontal axis, and the vertical axis.
+        contact_trust: (2,) in [0, 1], follows the contact plan.
+        joint_positions: (joints,) [rad] last believed reading.
+        joint_velocities: (joints,) [rad/s] likewise.
+        memory: (ticks, 4) past x, y, z [m] and unwrapped yaw [rad], newest first, without the image corrections.
+        image_correction: (4,) sum of all corrections of x, y, z and yaw by images.
+        health: what became of the last readings.
+    """
+
+    quaternion: Float[Array, "4"]
+    angular_velocity: Float[Array, "3"]
+    gyro_bias: Float[Array, "3"]
+    accelerometer_bias: Float[Array, ""]
+    position: Float[Array, "3"]
+    velocity: Float[Array, "3"]
+    feet: Float[Array, "2 3"]
+    covariance: Float[Array, "2 5 5"]
+    contact_trust: Float[Array, "2"]
+    joint_positions: Float[Array, "joints"]
+    joint_velocities: Float[Array, "joints"]
+    memory: Float[Array, "ticks 4"]
+    image_correction: Float[Array, "4"]
+    health: Health
+
+
+def initial_estimate(
+    legs: LegKinematics, qpos: Float[Array, "positions"], qvel: Float[Array, "velocities"], memory_ticks: int = 64
+) -> EstimatorState:
+    """The estimate of a robot whose state is known, within millimetres, at the start.
+
+    Args:
+        legs: the robot's leg kinematics.
+        qpos, qvel: state in MuJoCo's conventions.
+        memory_ticks: control periods to remember for delayed images; an older image is rejected.
+
+    Raises:
+        InputError: on other shapes or fewer than two remembered periods.
+    """
+    if qpos.ndim != 1 or qvel.shape != (qpos.shape[0] - 1,) or qpos.shape[0] < 7:
+        raise InputError(f"qpos and qvel must have shapes (n + 7,) and (n + 6,), got {qpos.shape} and {qvel.shape}.")
+    if memory_ticks < 2:
+        raise InputError(f"The estimator must remember at least 2 control periods for images, got {memory_ticks}.")
+    dtype = qpos.dtype
+    quaternion = qpos[3:7]
+    feet = foot_motion(legs, qpos[7:], qvel[6:]).position @ attitude.rotation_matrix(quaternion).T
+    pose = jnp.concatenate([qpos[:3], attitude.yaw_of(quaternion)[None]])
+    fine, calm = jnp.zeros((), bool), jnp.zeros((), dtype)
+    return EstimatorState(
+        quaternion=quaternion,
+        angular_velocity=qvel[3:6],
+        gyro_bias=jnp.zeros(3, dtype),
+        accelerometer_bias=calm,
+        position=qpos[:3],
+        velocity=qvel[:3],
+        feet=feet,
+        covariance=jnp.tile(jnp.diag(jnp.asarray(_INITIAL_STD, dtype) ** 2), (2, 1, 1)),
+        contact_trust=jnp.ones(2, dtype),
+        joint_positions=qpos[7:],
+        joint_velocities=qvel[6:],
+        memory=jnp.tile(pose, (memory_ticks, 1)),
+        image_correction=jnp.zeros(4, dtype),
+        health=Health(fine, fine, jnp.zeros(2, bool), fine, jnp.zeros(2, dtype), calm, calm),
+    )
+
+
+def estimated_qpos_qvel(state: EstimatorState) -> tuple[Float[Array, "positions"], Float[Array, "velocities"]]:
+    """qpos and qvel in MuJoCo's conventions: linear velocity in the world frame, angular velocity in the base's."""
+    qpos = jnp.concatenate([state.position, state.quaternion, state.joint_positions])
+    return qpos, jnp.concatenate([state.velocity, state.angular_velocity, state.joint_velocities])
