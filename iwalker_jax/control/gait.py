@@ -1,0 +1,357 @@
+"""Step clock: stand, shift, walk, stop; what each foot, the COM and the torso shall do at this tick."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float, Int
+
+from iwalker_jax.control.footstep_plan import FootstepPlan
+from iwalker_jax.control.parameters import GaitParameters, LegEffect
+from iwalker_jax.control.stepping import SteppingGains, choose_step, flow, turn
+from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
+
+STAND, SHIFT, WALK = 0, 1, 2
+
+
+class GaitState(NamedTuple):
+    """Memory of the step clock. Feet are indexed 0 right, 1 left.
+
+    Attributes:
+        mode: () int32, STAND, SHIFT or WALK.
+        time: () [s] in the present mode; in WALK since the last touchdown.
+        phase: () 0..1 through the present swing.
+        stance: () int32, the stance foot (in STAND and SHIFT the one that will carry the first step).
+        step: () int32, footsteps taken.
+        swing: horizontal reference of the swing foot (2,), world frame.
+        lift_off: (2,) height above the stance foot [m] and yaw [rad] of the swing foot when it left the floor.
+        target: (3,) x, y [m] and yaw [rad] of the present footstep.
+        heading: () [rad] of the torso's reference at the last touchdown.
+        com_start: (2,) [m] where the COM's standing reference started from.
+        home: (2, 3) x, y, yaw of both feet where a robot without a plan steps on the spot.
+        offset: (2,) [m] by which the plan has been moved.
+        residual: (2, 2, 2, 2) learned errors of the pendulum's pre-impact prediction: stance side; made at touchdown
+            or at the freeze; sagittal or lateral; position [m] or velocity [m/s].
+        stride: () [m] planned sagittal length of the present step.
+        pendulum: (2, 2, 2) pendulums started at the last touchdown and at the freeze: plane, position and velocity.
+    """
+
+    mode: Int[Array, ""]
+    time: Float[Array, ""]
+    phase: Float[Array, ""]
+    stance: Int[Array, ""]
+    step: Int[Array, ""]
+    swing: Motion
+    lift_off: Float[Array, "2"]
+    target: Float[Array, "3"]
+    heading: Float[Array, ""]
+    com_start: Float[Array, "2"]
+    home: Float[Array, "2 3"]
+    offset: Float[Array, "2"]
+    residual: Float[Array, "2 2 2 2"]
+    stride: Float[Array, ""]
+    pendulum: Float[Array, "2 2 2"]
+
+
+class Posture(NamedTuple):
+    """What the step clock needs to know of the robot, world frame.
+
+    Attributes:
+        com, com_velocity: (3,) [m, m/s].
+        feet: (2, 3) [m] middle of each line foot.
+        foot_yaws: (2,) [rad].
+        touching: (2,) bool, feet that press on the floor.
+    """
+
+    com: Float[Array, "3"]
+    com_velocity: Float[Array, "3"]
+    feet: Float[Array, "2 3"]
+    foot_yaws: Float[Array, "2"]
+    touching: Float[Array, "2"]
+
+
+class GaitReference(NamedTuple):
+    """What the whole body shall do at this tick, world frame.
+
+    Attributes:
+        stance: (2,) 1 for feet that carry, 0 for the swing foot.
+        foot: (3,) motion of the swing foot.
+        foot_yaw: () motion of its yaw.
+        com_acceleration: (2,) [m/s^2] horizontal.
+        com_height: () [m].
+        heading: () motion of the torso's yaw.
+    """
+
+    stance: Float[Array, "2"]
+    foot: Motion
+    foot_yaw: Motion
+    com_acceleration: Float[Array, "2"]
+    com_height: Float[Array, ""]
+    heading: Motion
+
+
+def angle_between(to: Float[Array, "*n"], start: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """to - start [rad], wrapped into (-pi, pi]."""
+    return jnp.arctan2(jnp.sin(to - start), jnp.cos(to - start))
+
+
+def initial_gait(gait: GaitParameters, posture: Posture) -> GaitState:
+    """Standing on both feet as they are."""
+    dtype = posture.com.dtype
+    zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
+    return GaitState(
+        mode=none,
+        time=zero,
+        phase=zero,
+        stance=none,
+        step=none,
+        swing=Motion(posture.feet[1, :2], jnp.zeros(2, dtype), jnp.zeros(2, dtype)),
+        lift_off=jnp.zeros(2, dtype),
+        target=jnp.zeros(3, dtype),
+        heading=_mean_yaw(posture.foot_yaws),
+        com_start=posture.com[:2],
+        home=jnp.concatenate([posture.feet[:, :2], posture.foot_yaws[:, None]], axis=1),
+        offset=jnp.zeros(2, dtype),
+        residual=_first_residual(gait.leg_effect, dtype),
+        stride=zero,
+        pendulum=jnp.zeros((2, 2, 2), dtype),
+    )
+
+
+def _first_residual(effect: LegEffect, dtype: DTypeLike) -> Float[Array, "2 2 2 2"]:
+    """The leg effect as learned residuals of a right and a left stance foot."""
+    sides = []
+    for outward in (-1.0, 1.0):
+        full = [effect.sagittal_full, tuple(outward * x for x in effect.lateral_full)]
+        late = [effect.sagittal_late, tuple(outward * x for x in effect.lateral_late)]
+        sides.append([full, late])
+    return jnp.asarray(sides, dtype)
+
+
+def planned_footsteps(
+    plan: FootstepPlan, state: GaitState, count: int
+) -> tuple[Float[Array, "n 2"], Float[Array, "n"], Float[Array, "n"]]:
+    """The next footsteps: positions (n, 2) [m], yaws (n,) [rad] and whether each is still in the plan (n,).
+
+    Beyond its end the plan repeats its last step of either foot; without a plan the feet keep their places.
+    """
+    ahead = state.step + jnp.arange(count)
+    foot = (1 - state.stance + jnp.arange(count)) % 2
+    last = plan.count - 1 - (plan.first_swing + plan.count - 1 + foot) % 2
+    row = jnp.clip(jnp.where(ahead < plan.count, ahead, last), 0, plan.yaws.shape[0] - 1)
+    planned = plan.count > 0
+    positions = jnp.where(planned, plan.positions[row] + state.offset, state.home[foot, :2])
+    return positions, jnp.where(planned, plan.yaws[row], state.home[foot, 2]), ahead < plan.count
+
+
+def advance_gait(
+    gait: GaitParameters,
+    gains: SteppingGains,
+    capture_gain: float,
+    time_step: float,
+    posture: Posture,
+    plan: FootstepPlan,
+    state: GaitState,
+) -> tuple[GaitState, GaitReference]:
+    """One tick of the step clock: finish steps and modes that are due, then say what to do now."""
+    state = _change_mode(gait, gains, posture, plan, state)
+    walking = state.mode == WALK
+    stance_foot = posture.feet[state.stance]
+    swing_foot = posture.feet[1 - state.stance]
+    rate = gains.rate
+
+    # Walking: choose the footstep and the time left, move the swing reference.
+    wanted, yaws, _ = planned_footsteps(plan, state, gait.horizon)
+    com = posture.com[:2] - stance_foot[:2], posture.com_velocity[:2]
+    side = jnp.where(state.stance == 0, 1.0, -1.0).astype(posture.com.dtype)
+    nominal = gait.hlip.single_support_time * (1 - state.phase)
+    stance_yaw = posture.foot_yaws[state.stance]
+    target_yaw = stance_yaw + angle_between(yaws[0], stance_yaw)
+    frame = (stance_yaw + target_yaw) / 2
+    expected = _expected_error(gait, gains, state)
+    choice = choose_step(
+        gait, gains, wanted - stance_foot[:2], com, expected, frame, side, swing_foot[:2] - stance_foot[:2], nominal
+    )
+    frozen = nominal < gait.freeze_time
+    remaining = jnp.where(frozen, jnp.maximum(nominal, 1e-3), choice.remaining)
+    place = jnp.concatenate([choice.footstep + stance_foot[:2], target_yaw[None]])
+    target = jnp.where(frozen, state.target, place)
+    phase_rate = (1 - state.phase) / remaining
+    swing = advance_towards(state.swing, target[:2], remaining, time_step)
+    vertical = rise_and_fall(
+        state.phase,
+        phase_rate,
+        state.lift_off[0],
+        gait.swing_height,
+        gait.landing_speed,
+        gait.hlip.single_support_time,
+    )
+    foot = Motion(
+        jnp.append(swing.position, vertical.position + stance_foot[2]),
+        jnp.append(swing.velocity, vertical.velocity),
+        jnp.append(swing.acceleration, vertical.acceleration),
+    )
+    s = state.phase
+    turned = angle_between(target[2], state.lift_off[1])
+    foot_yaw = Motion(
+        state.lift_off[1] + turned * s**3 * (10 - 15 * s + 6 * s**2),
+        turned * phase_rate * 30 * s**2 * (1 - s) ** 2,
+        turned * phase_rate**2 * 60 * s * (1 - s) * (1 - 2 * s),
+    )
+
+    # Standing: the divergent component is pulled to the middle of the feet, or to where the first step starts.
+    middle = (posture.feet[0, :2] + posture.feet[1, :2]) / 2
+    goal = jnp.where(state.mode == SHIFT, _first_stance_point(gait, rate, posture, state), middle)
+    share = jnp.clip(state.time / gait.shift_time, 0, 1)
+    blend = share**2 * (3 - 2 * share)
+    reference = state.com_start + blend * (goal - state.com_start)
+    divergent = posture.com[:2] + posture.com_velocity[:2] / rate
+    pressure = divergent + capture_gain * (divergent - reference)
+    pressure = jnp.where(walking, stance_foot[:2], pressure)
+
+    heading_end = jnp.where(walking, frame, _mean_yaw(posture.foot_yaws))
+    way = angle_between(heading_end, state.heading)
+    zero = jnp.zeros_like(way)
+    heading = Motion(
+        state.heading + way * jnp.where(walking, s, blend),
+        jnp.where(walking, way * phase_rate, zero),
+        zero,
+    )
+    height = jnp.where(walking, stance_foot[2], jnp.mean(posture.feet[:, 2])) + gait.hlip.com_height
+    one_foot = jax.nn.one_hot(state.stance, 2, dtype=posture.com.dtype)
+    out = GaitReference(
+        stance=jnp.where(walking, one_foot, jnp.ones_like(one_foot)),
+        foot=foot,
+        foot_yaw=foot_yaw,
+        com_acceleration=rate**2 * (posture.com[:2] - pressure),
+        com_height=height,
+        heading=heading,
+    )
+    # The second pendulum is the robot itself until the footstep is frozen.
+    actual = jnp.stack(com, axis=1)
+    pendulum = state.pendulum.at[1].set(jnp.where(frozen, state.pendulum[1], actual))
+    position, velocity = flow(rate, pendulum[..., 0], pendulum[..., 1], jnp.asarray(time_step, com[0].dtype))
+    state = state._replace(
+        time=state.time + time_step,
+        phase=jnp.where(walking, jnp.minimum(state.phase + phase_rate * time_step, 1.0), 0.0),
+        swing=jax.tree.map(lambda new, old: jnp.where(walking, new, old), swing, state.swing),
+        target=jnp.where(walking, target, state.target),
+        pendulum=jnp.stack([position, velocity], axis=-1),
+    )
+    return state, out
+
+
+def _mean_yaw(yaws: Float[Array, "2"]) -> Float[Array, ""]:
+    return yaws[0] + angle_between(yaws[1], yaws[0]) / 2
+
+
+def _first_stance_point(
+    gait: GaitParameters, rate: Float[Array, ""], posture: Posture, state: GaitState
+) -> Float[Array, "2"]:
+    """Where the COM must rest so that the first step lands as wide as the feet stand now."""
+    stance, other = posture.feet[state.stance, :2], posture.feet[1 - state.stance, :2]
+    growth = jnp.exp(rate * gait.hlip.single_support_time)
+    return stance + (other - stance) / (1 + growth)
+
+
+def _change_mode(
+    gait: GaitParameters, gains: SteppingGains, posture: Posture, plan: FootstepPlan, state: GaitState
+) -> GaitState:
+    """Start shifting, lift the first foot, exchange the feet at touchdown, or stop, if it is time to."""
+    divergent = posture.com[:2] + posture.com_velocity[:2] / gains.rate
+    planned = state.step < plan.count
+    start = (state.mode == STAND) & planned & (state.time >= gait.stand_time)
+    lift = (state.mode == SHIFT) & (state.time >= gait.shift_time + gait.settle_time)
+    swing_touches = posture.touching[1 - state.stance] & (state.phase > 0.5) & gait.early_touchdown
+    land = (state.mode == WALK) & ((state.phase >= 0.999) | swing_touches)
+
+    # Touchdown: learn, move the plan if it cannot be kept, exchange the feet.
+    learned = _learn(gait, posture, state)
+    wanted, _, _ = planned_footsteps(plan, state, 1)
+    error = posture.feet[1 - state.stance, :2] - wanted[0]
+    size = jnp.sqrt(jnp.sum(error**2) + 1e-12)
+    offset = state.offset + error * jnp.maximum(1 - gait.governor / size, 0)
+    length = jnp.sqrt(jnp.sum(offset**2) + 1e-12)
+    offset = offset * jnp.maximum(1 - gait.return_step / length, 0)
+    step = jnp.minimum(state.step + 1, plan.count)
+    stance = 1 - state.stance
+    stop = land & (step >= plan.count) & _caught(gait, posture, divergent)
+
+    first_stance = 1 - plan.first_swing
+    new_stance = jnp.where(start, first_stance, jnp.where(land, stance, state.stance)).astype(jnp.int32)
+    lifted = posture.feet[1 - new_stance]
+    begin = lift | (land & ~stop)  # a swing begins
+    changed = start | lift | land
+    rest = jnp.zeros_like(state.swing.position)
+    base = posture.feet[new_stance]
+    com = jnp.stack([posture.com[:2] - base[:2], posture.com_velocity[:2]], axis=1)
+    moved = state._replace(
+        step=jnp.where(land, step, state.step).astype(jnp.int32),
+        stance=new_stance,
+        offset=jnp.where(land, offset, state.offset),
+    )
+    aim, _, _ = planned_footsteps(plan, moved, 1)
+    stride = turn(-posture.foot_yaws[new_stance], aim[0] - lifted[:2])[0] / 2
+    mode = jnp.where(start, SHIFT, jnp.where(begin, WALK, jnp.where(stop, STAND, state.mode))).astype(jnp.int32)
+    return moved._replace(
+        mode=mode,
+        time=jnp.where(changed, 0.0, state.time),
+        phase=jnp.where(changed, 0.0, state.phase),
+        stride=jnp.where(begin, stride, state.stride),
+        swing=Motion(
+            jnp.where(begin, lifted[:2], state.swing.position),
+            jnp.where(begin, rest, state.swing.velocity),
+            jnp.where(begin, rest, state.swing.acceleration),
+        ),
+        lift_off=jnp.where(begin, jnp.stack([lifted[2] - base[2], posture.foot_yaws[1 - new_stance]]), state.lift_off),
+        heading=jnp.where(changed, _reference_heading(posture, state), state.heading),
+        com_start=jnp.where(changed, posture.com[:2], state.com_start),
+        residual=jnp.where(land, learned, state.residual),
+        pendulum=jnp.where(begin, jnp.stack([com, com]), state.pendulum),
+    )
+
+
+def _reference_heading(posture: Posture, state: GaitState) -> Float[Array, ""]:
+    """Where the torso's reference has arrived: between the stance foot and the footstep just aimed at."""
+    landed = posture.foot_yaws[state.stance] + angle_between(state.target[2], posture.foot_yaws[state.stance]) / 2
+    return jnp.where(state.mode == WALK, landed, _mean_yaw(posture.foot_yaws))
+
+
+def _stride_error(effect: LegEffect, stride: Float[Array, ""]) -> Float[Array, "2 2 2"]:
+    """The part of the prediction errors that a step's length explains: (full/late, plane, position/velocity)."""
+    zero = (0.0, 0.0)
+    return stride * jnp.asarray([[effect.stride_full, zero], [effect.stride_late, zero]], stride.dtype)
+
+
+def _expected_error(gait: GaitParameters, gains: SteppingGains, state: GaitState) -> Float[Array, "2 2"]:
+    """Error to expect of a prediction made now, less the shift of the walking orbit that such errors cause."""
+    by_stride = _stride_error(gait.leg_effect, state.stride)
+    own, other = state.residual[state.stance] + by_stride, state.residual[1 - state.stance] + by_stride
+    shift = own[0] @ gains.orbit_own.T + other[0] @ gains.orbit_other.T
+    freeze_phase = 1 - gait.freeze_time / gait.hlip.single_support_time
+    share = jnp.minimum(state.phase / freeze_phase, 1.0)
+    return own[0] + share * (own[1] - own[0]) - shift
+
+
+def _learn(gait: GaitParameters, posture: Posture, state: GaitState) -> Float[Array, "2 2 2 2"]:
+    """Residuals with the present stance side's moved towards this step's errors of the pendulums' predictions."""
+    stance = posture.feet[state.stance, :2]
+    actual = jnp.stack([posture.com[:2] - stance, posture.com_velocity[:2]])
+    yaw = posture.foot_yaws[state.stance]
+    error = jnp.swapaxes(turn(-yaw, actual - jnp.swapaxes(state.pendulum, 1, 2)), 1, 2)
+    error = error - _stride_error(gait.leg_effect, state.stride)
+    limit = jnp.asarray(gait.residual_limit, error.dtype)
+    own = jax.nn.one_hot(state.stance, 2, dtype=error.dtype)[:, None, None, None]
+    moved = state.residual + own * gait.residual_rate * (error[None] - state.residual)
+    return jnp.clip(moved, -limit, limit)
+
+
+def _caught(gait: GaitParameters, posture: Posture, divergent: Float[Array, "2"]) -> Array:
+    """Whether the divergent component lies between the feet, so that standing can hold it."""
+    across = posture.feet[1, :2] - posture.feet[0, :2]
+    width = jnp.sqrt(jnp.sum(across**2) + 1e-12)
+    yaw = _mean_yaw(posture.foot_yaws)
+    middle = jnp.mean(posture.feet[:, :2], axis=0)
+    along = turn(-yaw, divergent - middle)
+    return (jnp.abs(along[0]) < 0.035) & (jnp.abs(along[1]) < width / 2 - gait.stop_margin)
