@@ -1,0 +1,124 @@
+"""Videos of recorded motions as MP4 or GIF files, or played in MuJoCo's viewer."""
+
+import dataclasses
+import itertools
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.simulation.filming import (
+    Overlays,
+    VideoSettings,
+    check_overlays,
+    draw_overlays,
+    place,
+    render_frames,
+)
+from iwalker_jax.simulation.headless import has_screen
+from iwalker_jax.simulation.motion import check_motion, resample_motion
+
+
+def write_video(
+    file: Path,
+    model: mujoco.MjModel,
+    qpos: Float[np.ndarray, "n nq"],
+    times: Float[np.ndarray, " n"],
+    settings: VideoSettings = VideoSettings(),
+    overlays: Overlays = Overlays(),
+) -> int:
+    """Write a recorded motion as a video and return its number of frames.
+
+    Args:
+        file: ends in .mp4, or in .gif, which is large (1 MB a second at the default size); its folder is created.
+        model, qpos, times, overlays: as for `render_frames`.
+        settings: camera, size and speed; a GIF's frames last whole hundredths of a second, so 30 a second become 25.
+
+    Raises:
+        InputError: as for `render_frames`, or a file that cannot be written; no broken file is left behind.
+    """
+    file = Path(file)
+    suffix = file.suffix.lower()
+    if suffix not in (".mp4", ".gif"):
+        raise InputError(f"The video {file} ends in {suffix!r}; use .mp4 or .gif.")
+    if suffix == ".gif":
+        settings = dataclasses.replace(settings, fps=100 / math.ceil(100 / settings.fps - 1e-6))
+    frames = render_frames(model, qpos, times, settings, overlays)
+    # The first frame shows what is wrong with motion, camera or OpenGL before a file is opened.
+    frames = itertools.chain([next(frames)], frames)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.open("wb").close()
+    except OSError as error:
+        raise InputError(f"The video {file} cannot be written ({error.strerror}); choose another place.") from error
+    return _write_gif(file, frames, settings) if suffix == ".gif" else _write_movie(file, frames, settings)
+
+
+def show(
+    model: mujoco.MjModel,
+    qpos: Float[np.ndarray, "n nq"],
+    times: Float[np.ndarray, " n"],
+    overlays: Overlays = Overlays(),
+    slow_motion: float = 1.0,
+) -> None:
+    """Play a recorded motion over and over in MuJoCo's viewer, until its window is closed.
+
+    Raises:
+        InputError: a bad motion or overlay, or no screen.
+    """
+    check_motion(model, qpos, times)
+    check_overlays(model, overlays, len(times))
+    if not has_screen():
+        raise InputError("There is no screen for MuJoCo's viewer (DISPLAY is not set); write a video instead.")
+    import mujoco.viewer
+
+    data = mujoco.MjData(model)
+    with mujoco.viewer.launch_passive(model, data) as viewer:
+        start = time.monotonic()
+        while viewer.is_running():
+            now = times[0] + ((time.monotonic() - start) / slow_motion) % (times[-1] - times[0])
+            with viewer.lock():
+                place(model, data, resample_motion(model, qpos, times, np.array([now]))[0])
+                viewer.user_scn.ngeom = 0
+                draw_overlays(viewer.user_scn, model, data, overlays, now, int(np.searchsorted(times, now)))
+            viewer.sync()
+            time.sleep(1 / 60)
+
+
+def _write_movie(file: Path, frames: Iterator[np.ndarray], settings: VideoSettings) -> int:
+    # MPEG-4 is what the OpenCV of the package index can encode; it has no H.264.
+    codec = cv2.VideoWriter.fourcc(*"mp4v")
+    writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, codec, settings.fps, (settings.width, settings.height))
+    if not writer.isOpened():
+        file.unlink()
+        raise InputError(f"This OpenCV cannot encode {file}; use the suffix .gif.")
+    count = 0
+    for image in frames:
+        writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+        count += 1
+    writer.release()
+    return count
+
+
+def _write_gif(file: Path, frames: Iterator[np.ndarray], settings: VideoSettings) -> int:
+    """One palette for all frames, taken from the first: quick, small and without flicker."""
+    from PIL import Image
+
+    first = Image.fromarray(next(frames)).quantize(colors=128, method=Image.Quantize.MEDIANCUT)
+    count = 1
+
+    def others() -> Iterator[Image.Image]:
+        nonlocal count
+        for image in frames:
+            count += 1
+            yield Image.fromarray(image).quantize(palette=first, dither=Image.Dither.NONE)
+
+    duration = round(1000 / settings.fps)
+    first.save(file, save_all=True, append_images=others(), duration=duration, loop=0, optimize=False)
+    return count
