@@ -15,6 +15,15 @@ from jaxtyping import Array, Float
 from mujoco import mjx
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.robot.limbs import Limbs
+from iwalker_jax.robot.structure import (
+    body_chains,
+    contact_bodies,
+    limb_pattern,
+    motor_limits,
+    motor_moments,
+    tendon_moments,
+)
 from iwalker_jax.robot.support import check_supported
 
 LEG_JOINTS = ("hip_yaw", "hip_pitch", "hip_roll", "knee_pitch", "ankle_pitch")
@@ -43,6 +52,8 @@ class RobotModel:
         base, foot_bodies: bodies.
         imu, contact_sites, foot_sites: sites, in the order of the module's constants.
         contact_geoms: geoms of the contact points.
+        contact_bodies: of each possible contact the body that moves, and 1 if the normal points to it, else -1.
+        limbs: the pattern of the mass matrix.
         joint_names, motor_names: in the model's order.
         time_step: [s] of the physics.
         damped: whether any joint has viscous damping.
@@ -61,6 +72,8 @@ class RobotModel:
     contact_sites: tuple[int, ...] = field(metadata={"static": True})
     foot_sites: tuple[int, ...] = field(metadata={"static": True})
     contact_geoms: tuple[int, ...] = field(metadata={"static": True})
+    contact_bodies: tuple[tuple[int, int], ...] = field(metadata={"static": True})
+    limbs: Limbs = field(metadata={"static": True})
     joint_names: tuple[str, ...] = field(metadata={"static": True})
     motor_names: tuple[str, ...] = field(metadata={"static": True})
     time_step: float = field(metadata={"static": True})
@@ -93,8 +106,10 @@ def load_robot(source: mujoco.MjModel | str | PathLike) -> RobotModel:
     if model.site_bodyid[imu] != base:
         raise InputError("Site 'imu' is not on the floating base; move it there.")
     chains = body_chains(model)
+    device_model = mjx.put_model(model, impl="jax")
+    touching = contact_bodies(model, device_model)
     return RobotModel(
-        model=mjx.put_model(model, impl="jax"),
+        model=device_model,
         motor_moments=jnp.asarray(moments),
         motor_limits=jnp.asarray(motor_limits(model)),
         tendon_moments=jnp.asarray(tendon_moments(model)),
@@ -107,6 +122,8 @@ def load_robot(source: mujoco.MjModel | str | PathLike) -> RobotModel:
         contact_sites=contact_sites,
         foot_sites=foot_sites,
         contact_geoms=tuple(_geom_index(model, name) for name in CONTACT_POINTS),
+        contact_bodies=touching,
+        limbs=limb_pattern(model, [body for body, _ in touching]),
         joint_names=tuple(joints),
         motor_names=tuple(_name(model, "actuator", k) for k in range(model.nu)),
         time_step=float(model.opt.timestep),
@@ -141,52 +158,6 @@ def site_index(model: mujoco.MjModel, name: str) -> int:
     if index < 0:
         raise InputError(f"The robot has no site {name!r}; add it to the MJCF model.")
     return index
-
-
-def tendon_moments(model: mujoco.MjModel) -> Float[np.ndarray, "nt nv"]:
-    """Rate of each fixed tendon's length by velocity, a constant."""
-    moments = np.zeros((model.ntendon, model.nv))
-    for tendon in range(model.ntendon):
-        first, count = model.tendon_adr[tendon], model.tendon_num[tendon]
-        for wrap in range(first, first + count):
-            moments[tendon, model.jnt_dofadr[model.wrap_objid[wrap]]] += model.wrap_prm[wrap]
-    return moments
-
-
-def motor_moments(model: mujoco.MjModel) -> Float[np.ndarray, "nu nv"]:
-    """Generalised force of a unit torque of each motor, a constant."""
-    moments = np.zeros((model.nu, model.nv))
-    tendons = tendon_moments(model)
-    for motor in range(model.nu):
-        target, gear = model.actuator_trnid[motor, 0], model.actuator_gear[motor, 0]
-        if model.actuator_trntype[motor] == mujoco.mjtTrn.mjTRN_TENDON:
-            moments[motor] = gear * tendons[target]
-        else:
-            moments[motor, model.jnt_dofadr[target]] = gear
-    return moments
-
-
-def motor_limits(model: mujoco.MjModel) -> Float[np.ndarray, "nu 2"]:
-    """Least and largest torque of each motor: the narrower of its control and force range [N m]."""
-    limits = np.tile([-np.inf, np.inf], (model.nu, 1))
-    for limited, span in (
-        (model.actuator_ctrllimited, model.actuator_ctrlrange),
-        (model.actuator_forcelimited, model.actuator_forcerange),
-    ):
-        chosen = limited.astype(bool)
-        limits[chosen, 0] = np.maximum(limits[chosen, 0], span[chosen, 0])
-        limits[chosen, 1] = np.minimum(limits[chosen, 1], span[chosen, 1])
-    return limits
-
-
-def body_chains(model: mujoco.MjModel) -> Float[np.ndarray, "nbody nv"]:
-    """1 where a velocity moves a body, else 0."""
-    chains = np.zeros((model.nbody, model.nv))
-    for body in range(1, model.nbody):
-        chains[body] = chains[model.body_parentid[body]]
-        first, count = model.body_dofadr[body], model.body_dofnum[body]
-        chains[body, first : first + count] = 1
-    return chains
 
 
 def _name(model: mujoco.MjModel, kind: str, index: int) -> str:

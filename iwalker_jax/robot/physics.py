@@ -12,7 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 from mujoco import mjx
 
-from iwalker_jax.robot.contact_solver import ContactProblem, ContactSolver, solve_contact, solve_symmetric
+from iwalker_jax.robot.constraints import contact_problem, pyramid_edges
+from iwalker_jax.robot.contact_solver import ContactSolver, row_forces, solve_contact
+from iwalker_jax.robot.limbs import solve_symmetric
 from iwalker_jax.robot.model import RobotModel
 from iwalker_jax.robot.rigid_body import smooth_stages
 
@@ -92,25 +94,24 @@ def complete_step(
         external_force: (6,) force [N] and torque [N m] on the torso at its COM, world frame; none by default.
         solver: settings of the contact solver.
     """
-    model = robot.model
-    data = mjx.make_constraint(model, mjx.collision(model, data))
+    data = mjx.collision(robot.model, data)
     motors = jnp.clip(torques, robot.motor_limits[:, 0], robot.motor_limits[:, 1])
-    force = robot.motor_moments.T @ motors - data.qfrc_bias - model.dof_damping * data.qvel
+    damping = robot.model.dof_damping
+    force = robot.motor_moments.T @ motors - data.qfrc_bias - damping * data.qvel
     if external_force is not None:
         force = force.at[:6].add(_base_force(robot, data, external_force))
-    inside = data._impl
-    problem = ContactProblem(inside.M, force, inside.efc_J, inside.efc_D, inside.efc_aref)
-    solution = solve_contact(problem, state.warmstart, solver)
-    acceleration = solution.acceleration
-    step_acceleration = acceleration
+    problem = contact_problem(robot, data, force)
+    solution = solve_contact(robot.limbs, solver, problem, state.warmstart)
+    acceleration = mean_acceleration = solution.acceleration
     if robot.damped:
         # implicitfast: damping acts on the velocity at the end of the step.
-        damping = robot.time_step * model.dof_damping
-        late = solve_symmetric(inside.M + jnp.diag(damping), damping * acceleration)
-        step_acceleration = acceleration - late
-    qvel = state.qvel + robot.time_step * step_acceleration
+        late = robot.time_step * damping
+        mean_acceleration = acceleration - solve_symmetric(
+            robot.limbs, problem.mass + jnp.diag(late), late * acceleration
+        )
+    qvel = state.qvel + robot.time_step * mean_acceleration
     qpos = _integrate(data.qpos, qvel, robot.time_step)
-    forces, distances = _contact_forces(robot, data, solution.forces)
+    forces, distances = _contact_forces(robot, data, row_forces(problem, acceleration))
     gyro, accelerometer = _imu(robot, data, acceleration)
     info = PhysicsInfo(
         acceleration,
@@ -152,15 +153,9 @@ def _contact_forces(
 ) -> tuple[Float[Array, "4 3"], Float[Array, "4"]]:
     """World-frame force on each contact point, and its distance to the nearest geom it can touch."""
     contact = data._impl.contact
-    edges = row_forces[-4 * contact.dim.size :].reshape(-1, 4)
-    friction = contact.friction[:, :2]
-    local = jnp.stack(
-        [jnp.sum(edges, 1), friction[:, 0] * (edges[:, 0] - edges[:, 1]), friction[:, 1] * (edges[:, 2] - edges[:, 3])],
-        1,
-    )
-    # A contact frame's first row points from its first geom to its second, and the force acts on the second.
-    world = jnp.einsum("ci,cij->cj", local, contact.frame)
+    world = jnp.sum(row_forces.reshape(-1, 4, 1) * pyramid_edges(data), axis=1)
     points = jnp.asarray(robot.contact_geoms)[:, None]
+    # A contact's normal points from its first geom to its second, and the force acts on the second.
     second, first = contact.geom2 == points, contact.geom1 == points
     forces = (second.astype(world.dtype) - first) @ world
     return forces, jnp.min(jnp.where(first | second, contact.dist, jnp.inf), axis=1)

@@ -56,5 +56,10 @@ def _features(model: mujoco.MjModel) -> list[tuple[bool, str]]:
         (bool(np.any(model.jnt_actfrclimited)), "has actuatorfrcrange on joints; use the motors' forcerange"),
         (bool(np.any(model.tendon_actfrclimited)), "has actuatorfrcrange on tendons; use the motors' forcerange"),
         (bool(np.any(model.body_gravcomp)), "has gravity compensation; set gravcomp to zero"),
+        (
+            bool(np.any(model.jnt_solimp[:, 4] != 2) or np.any(model.geom_solimp[:, 4] != 2)),
+            "has an impedance that does not rise quadratically; set the last number of solimp to 2",
+        ),
+        (bool(np.any(model.tendon_limited)), "has limits on tendons; limit the joints"),
         (bool(np.any(model.dof_dampingpoly)), "has polynomial damping; use linear damping"),
     ]

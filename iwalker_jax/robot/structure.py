@@ -1,0 +1,99 @@
+"""Constants that follow from a model's structure: moments of tendons and motors, kinematic chains, limbs, contacts."""
+
+import jax
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from mujoco import mjx
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.robot.limbs import Limbs
+
+
+def tendon_moments(model: mujoco.MjModel) -> Float[np.ndarray, "nt nv"]:
+    """Rate of each fixed tendon's length by velocity, a constant."""
+    moments = np.zeros((model.ntendon, model.nv))
+    for tendon in range(model.ntendon):
+        first, count = model.tendon_adr[tendon], model.tendon_num[tendon]
+        for wrap in range(first, first + count):
+            moments[tendon, model.jnt_dofadr[model.wrap_objid[wrap]]] += model.wrap_prm[wrap]
+    return moments
+
+
+def motor_moments(model: mujoco.MjModel) -> Float[np.ndarray, "nu nv"]:
+    """Generalised force of a unit torque of each motor, a constant."""
+    moments = np.zeros((model.nu, model.nv))
+    tendons = tendon_moments(model)
+    for motor in range(model.nu):
+        target, gear = model.actuator_trnid[motor, 0], model.actuator_gear[motor, 0]
+        if model.actuator_trntype[motor] == mujoco.mjtTrn.mjTRN_TENDON:
+            moments[motor] = gear * tendons[target]
+        else:
+            moments[motor, model.jnt_dofadr[target]] = gear
+    return moments
+
+
+def motor_limits(model: mujoco.MjModel) -> Float[np.ndarray, "nu 2"]:
+    """Least and largest torque of each motor: the narrower of its control and force range [N m]."""
+    limits = np.tile([-np.inf, np.inf], (model.nu, 1))
+    for limited, span in (
+        (model.actuator_ctrllimited, model.actuator_ctrlrange),
+        (model.actuator_forcelimited, model.actuator_forcerange),
+    ):
+        chosen = limited.astype(bool)
+        limits[chosen, 0] = np.maximum(limits[chosen, 0], span[chosen, 0])
+        limits[chosen, 1] = np.minimum(limits[chosen, 1], span[chosen, 1])
+    return limits
+
+
+def body_chains(model: mujoco.MjModel) -> Float[np.ndarray, "nbody nv"]:
+    """1 where a velocity moves a body, else 0."""
+    chains = np.zeros((model.nbody, model.nv))
+    for body in range(1, model.nbody):
+        chains[body] = chains[model.body_parentid[body]]
+        first, count = model.body_dofadr[body], model.body_dofnum[body]
+        chains[body, first : first + count] = 1
+    return chains
+
+
+def contact_bodies(model: mujoco.MjModel, device_model: mjx.Model) -> tuple[tuple[int, int], ...]:
+    """Of each contact that MJX considers, in its order, the body that moves and 1 if the normal points to it, else -1.
+
+    Raises:
+        InputError: nothing can touch, a contact has no or other friction than sliding, or two moving bodies can touch.
+    """
+    data = mjx.make_data(device_model, impl="jax")
+    if data._impl.ncon == 0 or any(data._impl.contact.dim != 3):
+        raise InputError("The robot needs contacts, all with condim 3; give the feet's geoms and the floor condim 3.")
+    if any(model.numeric(k).name in ("max_geom_pairs", "max_contact_points") for k in range(model.nnumeric)):
+        raise InputError("The model limits MJX's contacts; remove max_geom_pairs and max_contact_points.")
+    pairs = np.asarray(jax.jit(lambda: mjx.collision(device_model, data)._impl.contact.geom)())
+    found = []
+    for first, second in pairs:
+        bodies = model.geom_bodyid[[first, second]]
+        moving = model.body_weldid[bodies] != 0
+        if all(moving):
+            names = [model.body(body).name for body in bodies]
+            raise InputError(
+                f"Bodies {names[0]!r} and {names[1]!r} of the robot can touch; let its geoms touch the world's alone."
+            )
+        found.append((int(bodies[1]), 1) if moving[1] else (int(bodies[0]), -1))
+    return tuple(found)
+
+
+def limb_pattern(model: mujoco.MjModel, touching: list[int]) -> Limbs:
+    """The limbs that hang from the base, and which of them each contact's moving body belongs to.
+
+    Raises:
+        InputError: a tendon couples limbs, or a body of the base can touch something.
+    """
+    roots = [dof for dof in range(6, model.nv) if model.dof_parentid[dof] < 6]
+    sizes = np.diff([*roots, model.nv])
+    limb_of = np.repeat(np.arange(len(roots)), sizes)
+    for tendon, moments in enumerate(tendon_moments(model)):
+        if len(set(limb_of[np.nonzero(moments[6:])[0]])) > 1:
+            raise InputError(f"Tendon {model.tendon(tendon).name!r} couples two limbs; couple joints of one limb only.")
+    last = [model.body_dofadr[model.body_weldid[body]] for body in touching]
+    if any(dof < 6 for dof in last):
+        raise InputError("The robot's base can touch something; let the geoms of its limbs touch the world's alone.")
+    return Limbs(tuple(roots), tuple(int(size) for size in sizes), tuple(int(limb_of[dof - 6]) for dof in last))
