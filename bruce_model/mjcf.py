@@ -20,11 +20,7 @@ _HEADER = """<!--
 
 
 def text_of(options: MjcfOptions) -> str:
-    """The robot as MJCF text, the same text for the same options.
-
-    Raises:
-        InputError: never for `MjcfOptions` as constructed; names inside the extra XML are checked by MuJoCo.
-    """
+    """The robot as MJCF text, the same text for the same options; what extra XML refers to is MuJoCo's to check."""
     root = Element("mujoco", model="bruce")
     SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
     _add_settings(root, options)
