@@ -100,7 +100,7 @@ def _speed(axis, record: WalkRecord) -> None:
     speeds = record.speeds_along_heading(record.com_velocity)
     if record.estimated_velocity is not None:
         estimate = record.speeds_along_heading(record.estimated_velocity)[:, 0]
-        axis.plot(record.time, estimate, color="tab:purple", linewidth=0.5, alpha=0.35, label="estimated")
+        axis.plot(record.time, estimate, color="tab:purple", linewidth=0.6, alpha=0.5, label="estimated")
     for column, name, colour in ((1, "leftward", "tab:green"), (0, "forward", "tab:red")):
         axis.plot(record.time, speeds[:, column], color=colour, linewidth=0.5, alpha=0.4)
         mean = _stride_mean(record, speeds[:, column])
@@ -135,12 +135,13 @@ def _height(axis, record: WalkRecord) -> None:
 def _torques(axis, record: WalkRecord, leg: slice, foot: str) -> None:
     for i in range(*leg.indices(record.torques.shape[1])):
         axis.plot(record.time, record.torques[:, i], linewidth=1.0, label=_motor_names(record)[i])
-    for limit in np.unique(record.torque_limits[leg]):
-        for sign in (-1, 1):
+    signs = (-1.0, 1.0) if np.nanmin(record.torques) < 0.0 else (0.0, 1.0)
+    for sign in signs:
+        for limit in np.unique(record.torque_limits[leg]):
             axis.axhline(sign * limit, color="black", linestyle="--", linewidth=1.0)
     axis.set_title(f"motor torques about the peak, {foot} leg [N m]", fontsize=9)
     axis.legend(fontsize=7, ncols=5, loc="upper center", handlelength=1.0, columnspacing=0.8)
-    axis.set_ylim(*(1.3 * float(np.max(record.torque_limits[leg])) * np.array([-1.0, 1.0])))
+    axis.set_ylim(*(1.3 * float(np.max(record.torque_limits[leg])) * np.array(signs)))
 
 
 def _peak_torques(axis, record: WalkRecord) -> None:
@@ -175,7 +176,7 @@ def _friction(axis, record: WalkRecord) -> None:
         axis.plot(record.time, ratios[:, i], ".", color=FOOT_COLOURS[foot], markersize=1.5, label=f"{foot} foot")
     if record.friction is not None:
         axis.axhline(record.friction, color="black", linestyle="--", linewidth=1.0, label="floor's friction")
-    axis.set_ylim(bottom=0.0)
+    axis.set_ylim(0.0, 1.25 * max(record.friction or 0.0, *(float(np.nanmax(r, initial=0.1)) for r in ratios.T)))
     axis.set_title("horizontal / vertical contact force", fontsize=9)
     axis.legend(fontsize=7, loc="upper right", markerscale=5)
 

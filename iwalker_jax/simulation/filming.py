@@ -106,7 +106,8 @@ def render_frames(
             # Without a GPU, MuJoCo's shadows take two thirds of the time and reflections a sixth.
             scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
             scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
-            draw_overlays(scene, model, data, overlays, now, rows[i])
+            add_shadow(scene, data.xpos[1])
+            draw_overlays(scene, data, overlays, now, rows[i])
             yield _write_text(renderer.render(), (f"{now:.2f} s   {speed[i]:.2f} m/s", overlays.caption))
 
 
@@ -129,11 +130,8 @@ def check_overlays(model: mujoco.MjModel, overlays: Overlays, instants: int) -> 
         raise InputError(f"The model has no site {missing[0]!r} to draw a contact force at; leave the forces out.")
 
 
-def draw_overlays(
-    scene: mujoco.MjvScene, model: mujoco.MjModel, data: mujoco.MjData, overlays: Overlays, now: float, row: int
-) -> None:
+def draw_overlays(scene: mujoco.MjvScene, data: mujoco.MjData, overlays: Overlays, now: float, row: int) -> None:
     """Append to the scene what stands beside the robot at time `now` [s], the motion's instant `row`."""
-    add_shadow(scene, data.xpos[1])
     if overlays.footsteps is not None:
         add_footsteps(scene, overlays.footsteps, now)
     if overlays.forces is not None:

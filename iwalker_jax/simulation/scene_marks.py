@@ -11,7 +11,7 @@ _COLOURS = {-1: (1.0, 0.5, 0.05), 1: (0.12, 0.47, 0.71)}
 _SOLE = (0.0425, 0.012)  # [m] half length and half width of the mark of the next footstep: the line foot
 _MARK = (0.022, 0.012)  # [m] of the others; steps of one foot are often shorter than the foot itself
 _BORDER = 0.007  # [m] about the next footstep
-_METRES_PER_NEWTON = 0.006
+_METRES_PER_NEWTON = {"contact": 0.006, "push": 0.012}
 _BODY_RADIUS = 0.1  # [m] from the base's centre to where a push touches it
 _FORCE_COLOUR = (0.1, 0.65, 0.25, 1.0)
 _PUSH_COLOUR = (0.85, 0.1, 0.1, 1.0)
@@ -45,9 +45,9 @@ def add_shadow(scene: mujoco.MjvScene, centre: Float[np.ndarray, " 3"], radius: 
 def add_forces(
     scene: mujoco.MjvScene, points: Float[np.ndarray, "c 3"], forces: Float[np.ndarray, "c 3"], push: bool = False
 ) -> None:
-    """Draw arrows of 6 mm a newton: contact forces in green start at their points, pushes in red end short of them."""
+    """Draw arrows: contact forces in green start at their points, pushes in red, longer a newton, end short of them."""
     for point, force in zip(points, forces, strict=True):
-        arrow = _METRES_PER_NEWTON * force
+        arrow = _METRES_PER_NEWTON["push" if push else "contact"] * force
         length = float(np.linalg.norm(arrow))
         if not length > 1e-3:
             continue

@@ -24,6 +24,9 @@ from iwalker_jax.simulation.filming import (
 from iwalker_jax.simulation.headless import has_screen
 from iwalker_jax.simulation.motion import check_motion, resample_motion
 
+_VIEW = (1.8, 130.0, -15.0)
+"""Distance [m], azimuth and elevation [deg] from which the viewer first looks at the base."""
+
 
 def write_video(
     file: Path,
@@ -79,14 +82,16 @@ def show(
     import mujoco.viewer
 
     data = mujoco.MjData(model)
-    with mujoco.viewer.launch_passive(model, data) as viewer:
+    with mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False) as viewer:
+        viewer.cam.type, viewer.cam.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, 1
+        viewer.cam.distance, viewer.cam.azimuth, viewer.cam.elevation = _VIEW
         start = time.monotonic()
         while viewer.is_running():
             now = times[0] + ((time.monotonic() - start) / slow_motion) % (times[-1] - times[0])
             with viewer.lock():
                 place(model, data, resample_motion(model, qpos, times, np.array([now]))[0])
                 viewer.user_scn.ngeom = 0
-                draw_overlays(viewer.user_scn, model, data, overlays, now, int(np.searchsorted(times, now)))
+                draw_overlays(viewer.user_scn, data, overlays, now, int(np.searchsorted(times, now)))
             viewer.sync()
             time.sleep(1 / 60)
 

@@ -34,7 +34,8 @@ class WalkRecord:
         com, com_velocity: (N, 3) [m], [m/s] of the centre of mass, world frame.
         base_rpy: (N, 3) [rad] roll, pitch and yaw of the base.
         foot_positions: (N, 2, 3) [m] middle of the right and the left foot, world frame.
-        torques: (N, nu) [N m] of the motors: right leg, left leg, right arm, left arm.
+        torques: (N, nu) [N m] of the motors, right leg, left leg, right arm, left arm; or largest magnitudes since
+            the instant before.
         torque_limits: (nu,) [N m] largest magnitudes.
         forces: (N, 4, 3) [N] on toe and heel of the right, then of the left foot, world frame.
         planned: the footsteps to take.
