@@ -53,30 +53,36 @@ def _first(mask: Bool[Array, "m *b"], index: Int[Array, "m *b"]) -> Int[Array, "
 
 
 def find_active_set(
-    gram: Float[Array, "m m *b"],
-    free: Float[Array, "m *b"],
+    tableau: Float[Array, "m m *b"],
+    value: Float[Array, "m *b"],
+    sides: Float[Array, "m *b"],
     low: Float[Array, "m *b"],
     high: Float[Array, "m *b"],
     wish: Float[Array, "m *b"],
     slack: Float[Array, "*b"],
     loose: Float[Array, "*b"],
     least: Float[Array, "*b"],
+    still: Bool[Array, "*b"],
     limit: int,
 ) -> ActiveSet:
-    """Search the active set of the optimum.
+    """Search the active set of the optimum, from scratch or from where another search ended.
 
     Args:
-        gram: S.
-        free: w0.
+        tableau: S, or as another search left it.
+        value: w0, or y of the active rows and w of the others.
+        sides: zeros, or as another search left it.
+        low, high: bounds of w.
         wish: signs say which rows to start from and on which side, sizes in which order.
         slack: violation that counts as none.
+        loose: violation that counts as none in a row that depends on the active ones.
         least: Schur complements below this count as zero: the row depends on the active ones.
+        still: problems to leave as they are.
         limit: most pivots.
     """
-    m = free.shape[0]
-    index = jnp.broadcast_to(jnp.arange(m).reshape((m,) + (1,) * (free.ndim - 1)), free.shape)
+    m = value.shape[0]
+    index = jnp.broadcast_to(jnp.arange(m).reshape((m,) + (1,) * (value.ndim - 1)), value.shape)
     equality = low == high
-    dtype, batch = free.dtype, free.shape[1:]
+    dtype, batch = value.dtype, value.shape[1:]
     huge = jnp.finfo(dtype).max / 4
 
     def step(state: _Search) -> _Search:
@@ -161,7 +167,7 @@ def find_active_set(
     none = jnp.full(batch, m)
     no = jnp.zeros(batch, bool)
     state = _Search(
-        gram, free, jnp.zeros_like(free), wish, none, jnp.zeros(batch, dtype), none, no, no, jnp.asarray(0, jnp.int32)
+        tableau, value, sides, wish, none, jnp.zeros(batch, dtype), none, still, no, jnp.asarray(0, jnp.int32)
     )
     state = jax.lax.while_loop(lambda s: jnp.any(~(s.solved | s.blocked)) & (s.pivots < limit), step, state)
     y = jnp.where(state.sides != 0, state.value, 0)

@@ -8,6 +8,7 @@ All problems of a batch run side by side (batch axis last, see `qp_factor`); a p
   augmented-Lagrangian method, which tends to the point of least violation, then least cost (Chiche, Gilbert 2016).
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -20,9 +21,9 @@ from iwalker_jax.optimization.qp_factor import Factor, apply, apply_transposed, 
 from iwalker_jax.optimization.qp_settings import QpSettings
 from iwalker_jax.optimization.solution import Status
 
-ELASTIC = 1e-2  # relative to the unit diagonal of S
-_DEPENDENT = {4: 1e-4, 8: 1e-9}  # bytes of a number -> Schur complement that counts as zero
-_SLACK, _LOOSE = 200, 100  # violations taken for rounding: in units of eps, and of that
+ELASTIC = {4: 1e-3, 8: 1e-6}  # by the bytes of a number; relative to the unit diagonal of S
+_DEPENDENT = {4: 2e-5, 8: 1e-10}  # bytes of a number -> Schur complement that counts as zero
+_SLACK, _LOOSE = 20, 1000  # violations taken for rounding: in units of eps, and of that
 _CERTIFICATE = {4: 1e-3, 8: 1e-6}  # largest relative error of a proof that there is no solution
 
 
@@ -68,30 +69,24 @@ class _State(NamedTuple):
     rounds: Array
 
 
-def _search(data: _Scaled, state: _State, settings: QpSettings) -> tuple[ActiveSet, Array, Array]:
-    """Active set of the proximal problem around the state; also V (q - E centre) and w0."""
+def _search(data: _Scaled, state: _State, settings: QpSettings) -> tuple[Callable[..., ActiveSet], Array, Array, Array]:
+    """Search for the active set of the proximal problem around the state; also V (q - E centre), w0 and its noise."""
     factor, dtype = data.factor, data.q.dtype
     m, size = data.low.shape[0], dtype.itemsize
-    eps = jnp.finfo(dtype).eps
     shift = apply(factor.root, data.q - factor.excess * state.point)
     free = -apply_transposed(factor.rows, shift)
-    soft = jnp.where(state.elastic, ELASTIC, 0).astype(dtype)
     outside = jnp.maximum(jnp.maximum(free - data.high, data.low - free), 0)
-    slack = _SLACK * eps * jnp.maximum(largest(free), largest(outside))
-    least = jnp.where(state.elastic, ELASTIC / 2, _DEPENDENT[size]).astype(dtype)
-    identity = jnp.eye(m, dtype=dtype).reshape((m, m) + (1,) * soft.ndim)
-    found = find_active_set(
-        factor.gram + soft * identity,
-        free + soft * state.y,
-        data.low,
-        data.high,
-        state.wish,
-        slack,
-        _LOOSE * slack,
-        least,
-        settings.pivots or 5 * (m + 10),
-    )
-    return found, shift, free
+    slack = _SLACK * jnp.finfo(dtype).eps * jnp.maximum(largest(free), largest(outside))
+    least = jnp.where(state.elastic, ELASTIC[size] / 2, _DEPENDENT[size]).astype(dtype)
+    limit = settings.pivots or 5 * (m + 10)
+
+    def search(
+        tableau: Array, value: Array, sides: Array, wish: Array, slack: Array, loose: Array, still: Array | None = None
+    ) -> ActiveSet:
+        still = jnp.zeros(slack.shape, bool) if still is None else still
+        return find_active_set(tableau, value, sides, data.low, data.high, wish, slack, loose, least, still, limit)
+
+    return search, shift, free, slack
 
 
 def _correct(data: _Scaled, found: ActiveSet, x: Array, y: Array) -> tuple[Array, Array]:
@@ -143,6 +138,7 @@ def solve_core(
     """Solve a batch of finite programs with low <= high from the guess (x, y)."""
     dtype, batch, m = q.dtype, q.shape[1:], low.shape[0]
     size = dtype.itemsize
+    eps = jnp.finfo(dtype).eps
     tolerance, certificate = settings.tolerance_for(dtype), _CERTIFICATE[size]
     factor = factorise(P, C)
     # A row of zeros cannot be moved: it stays out of the search and is judged relative to its own bound.
@@ -166,7 +162,7 @@ def solve_core(
         residual, value, scale = _judge(data, x, right)
         residual = jnp.where(jnp.isfinite(residual), residual, jnp.inf)
         diagonal = jnp.stack([found.tableau[i, i] for i in range(m)])
-        edge = 10 * tolerance * scale
+        edge = jnp.maximum(4 * residual, tolerance / 100) * scale
         weak = (found.sides != 0) & ~equality & (jnp.abs(right) * jnp.abs(1 / jnp.minimum(diagonal, -1e-30)) < edge)
         room = jnp.minimum(high - value, value - low)
         near = (found.sides == 0) & (room < edge) & (diagonal > _DEPENDENT[size])
@@ -191,8 +187,9 @@ def solve_core(
         value = apply(C, direction) * factor.lengths
         leaves = jnp.maximum(jnp.where(jnp.isfinite(high), value, 0), jnp.where(jnp.isfinite(low), -value, 0))
         slope, total = jnp.sum(q * direction, axis=0), jnp.sum(jnp.abs(q * direction), axis=0)
-        small = jnp.sqrt(certificate)
-        return (bent <= small) & (largest(leaves) <= small) & (slope < -small * total) & (total > 0)
+        small = certificate
+        far = length > 0.1 * jnp.sqrt(jnp.sum(weights * x * x, axis=0))
+        return far & (bent <= small) & (largest(leaves) <= small) & (slope < -small * total) & (total > 0)
 
     def better(new: Answer, old: Answer, improved: Array) -> Answer:
         kept = jax.tree.map(
@@ -201,23 +198,63 @@ def solve_core(
         return kept._replace(pivots=old.pivots + new.pivots)
 
     def turn(state: _State) -> _State:
-        found, shift, free = _search(data, state, settings)
-        point = -apply_transposed(factor.root, shift + apply(factor.rows, found.y))
-        y = found.y
-        for _ in range(settings.refinements):
-            new_point, new_y = _correct(data, found, point, y)
+        search, shift, free, slack = _search(data, state, settings)
+        soft = jnp.where(state.elastic, ELASTIC[size], 0).astype(dtype)
+        identity = jnp.eye(m, dtype=dtype).reshape((m, m) + (1,) * soft.ndim)
+        begin = free + soft * state.y
+        found = search(factor.gram + soft * identity, begin, jnp.zeros_like(low), state.wish, slack, _LOOSE * slack)
+
+        def refine(carry: tuple) -> tuple:
+            found, point, y, settled, count = carry
             # An elastic row's multiplier grows by what is still violated; correcting it here would overshoot.
-            point = jnp.where(state.elastic, point, new_point)
-            y = jnp.where(state.elastic, y, new_y)
+            held = state.done | state.elastic | found.blocked | settled
+            better_point, better_y = _correct(data, found, point, y)
+            point, y = jnp.where(held, point, better_point), jnp.where(held, y, better_y)
+            # Rounding may have hidden a violated row or a wrong sign: the search goes on from the corrected values.
+            value = apply(C, point) * factor.lengths
+            slack = _SLACK * eps * largest(value)
+            after = search(
+                found.tableau,
+                jnp.where(found.sides != 0, y, value),
+                found.sides,
+                jnp.zeros_like(low),
+                slack,
+                slack,
+                held,
+            )
+            change = jnp.where(held, 0, after.y - y)
+            point -= apply_transposed(factor.root, apply(factor.rows, change))
+            found = after._replace(
+                solved=jnp.where(held, found.solved, after.solved),
+                blocked=found.blocked | after.blocked,
+                pivots=found.pivots + after.pivots,
+            )
+            y += change
+            return found, point, y, settled | (rate(found, point, y).residual <= tolerance), count + 1
+
+        point = -apply_transposed(factor.root, shift + apply(factor.rows, found.y))
+        carry = (found, point, found.y, jnp.zeros(batch, bool), jnp.asarray(0, jnp.int32))
+        if settings.rounds == 1:
+            for _ in range(settings.refinements):
+                carry = refine((*carry[:3], jnp.zeros(batch, bool), carry[4]))
+        else:
+            carry = jax.lax.while_loop(
+                lambda c: (c[4] < settings.refinements) & jnp.any(~(c[3] | state.done | state.elastic | c[0].blocked)),
+                refine,
+                carry,
+            )
+        found, point, y = carry[:3]
+        held = state.elastic | found.blocked
         answer = rate(found, point, y)
         _, value, scale = _judge(data, point, answer.y)
         none = (found.blocked | state.elastic) & impossible(value, scale)
         status = jnp.where(none, Status.INFEASIBLE, answer.status)
-        wild = (factor.excess.max(axis=0) > 0) & unbounded(point - state.point, point)
+        wild = ~held & (jnp.max(factor.excess, axis=0) > 0) & unbounded(point - state.point, point)
         status = jnp.where(wild & (answer.residual > tolerance), Status.UNBOUNDED, status)
         answer = answer._replace(status=status.astype(jnp.int32))
         verdict = none | (wild & (answer.residual > tolerance))
         improved = ~state.done & ((answer.residual < state.best.residual) | verdict | (state.elastic & found.solved))
+        improved &= jnp.all(jnp.isfinite(point), axis=0)
         best = better(answer, state.best, improved)
         done = state.done | (answer.residual <= tolerance) | verdict
         elastic = state.elastic | found.blocked
@@ -236,9 +273,11 @@ def solve_core(
             guess, penalty = jax.lax.cond(jnp.any(lost), explore, lambda _: (answer.y, state.penalty), None)
             guess = jnp.where(lost, guess, answer.y)
         finite = jnp.all(jnp.isfinite(point), axis=0) & jnp.all(jnp.isfinite(y), axis=0)
+        # The first elastic round starts from scratch: a blocked search leaves no point worth keeping.
+        fresh = elastic & ~state.elastic
         return _State(
-            jnp.where(finite, point, state.point),
-            jnp.where(finite, answer.y, state.y),
+            jnp.where(finite & ~fresh, point, state.point),
+            jnp.where(finite, jnp.where(fresh, 0, answer.y), state.y),
             wishes(jnp.where(finite, guess, 0)),
             elastic,
             penalty,
@@ -273,5 +312,5 @@ def solve_core(
         state = jax.lax.while_loop(lambda s: jnp.any(~s.done) & (s.rounds < settings.rounds), turn, state)
     best = state.best
     status = jnp.where(contradiction, Status.INFEASIBLE, best.status)
-    status = jnp.where(factor.pivot < -jnp.sqrt(jnp.finfo(dtype).eps), Status.NOT_CONVEX, status)
+    status = jnp.where(factor.pivot < -30 * jnp.sqrt(eps), Status.NOT_CONVEX, status)
     return best._replace(y=best.y * factor.lengths, status=status.astype(jnp.int32))

@@ -13,6 +13,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+# Pivots of the scaled P lost in rounding become this: a proximal term that leaves S well conditioned.
+LIFTED = 0.1
+
 
 class Factor(NamedTuple):
     """The program in its own metric.
@@ -73,12 +76,6 @@ def largest(values: Float[Array, "m *b"]) -> Float[Array, "*b"]:
     return fold(jnp.maximum, jnp.abs(values))
 
 
-def pivot_limits(dtype: jnp.dtype) -> tuple[float, float]:
-    """Pivots of the scaled P below the first are noise; the proximal term lifts them to the second."""
-    eps = float(jnp.finfo(dtype).eps)
-    return 50 * eps, max(1e-4 * (eps / 1.2e-7) ** 0.33, 1e-7)
-
-
 def factorise(P: Float[Array, "n n *b"], C: Float[Array, "m n *b"]) -> Factor:
     """Cholesky factorisation that carries C and the identity along and gathers S on the way.
 
@@ -86,7 +83,7 @@ def factorise(P: Float[Array, "n n *b"], C: Float[Array, "m n *b"]) -> Factor:
     """
     n, m, dtype = P.shape[0], C.shape[0], P.dtype
     tiny = jnp.finfo(dtype).tiny
-    least, lift = pivot_limits(dtype)
+    least = 50 * float(jnp.finfo(dtype).eps)
     diagonal = jnp.stack([P[k, k] for k in range(n)])
     # A variable without a cost of its own is scaled like the dearest one.
     largest = jnp.max(diagonal, axis=0)
@@ -103,7 +100,7 @@ def factorise(P: Float[Array, "n n *b"], C: Float[Array, "m n *b"]) -> Factor:
         stack, gram, excess, smallest = carry
         line = jax.lax.dynamic_index_in_dim(stack, k, keepdims=False)
         own = jax.lax.dynamic_index_in_dim(line, k, keepdims=False)
-        lifted = jnp.where(own < least, lift, own)
+        lifted = jnp.where(own < least, LIFTED, own)
         column = line[:n] + jnp.where(index == k, lifted - own, 0)
         root = jnp.sqrt(lifted)
         line = jnp.concatenate([column, line[n:]]) / root

@@ -14,17 +14,18 @@ class QpSettings:
     Attributes:
         rounds: searches for the active set; a failed one is followed by ADMM, whose point starts the next.
         pivots: rows added or dropped in one search at most; None allows 5 (rows + 10).
-        refinements: corrections of the point by the true residual after each search.
+        refinements: most corrections of the point by the true residual after each search; all are made if there is
+            but one round.
         admm_iterations: ADMM iterations after a failed search, and all of them when derivatives are unrolled.
         relaxation: ADMM's over-relaxation, in (0, 2).
-        tolerance: largest relative residual of a converged solve (see `solve_qp`); None takes 3e-4 in single and
+        tolerance: largest relative residual of a converged solve (see `solve_qp`); None takes 1e-4 in single and
             1e-8 in double precision.
         penalty: ADMM's first penalty in the metric of the cost, where 1 is natural; 1000 times it for equalities.
     """
 
     rounds: int = 20
     pivots: int | None = None
-    refinements: int = 2
+    refinements: int = 10
     admm_iterations: int = 100
     relaxation: float = 1.6
     tolerance: float | None = None
@@ -45,7 +46,7 @@ class QpSettings:
 
     def tolerance_for(self, dtype: jnp.dtype) -> float:
         """The tolerance, or the default of a precision."""
-        return self.tolerance or (3e-4 if dtype == jnp.float32 else 1e-8)
+        return self.tolerance or (1e-4 if dtype == jnp.float32 else 1e-8)
 
 
 def control_settings(pivots: int = 60, refinements: int = 1) -> QpSettings:
