@@ -102,7 +102,10 @@ def _predicted(
         state.health.accelerometer_rejected, parameters.missing_acceleration_noise, parameters.acceleration_noise
     )
     feet = trust * parameters.stance_walk**2 + (1 - trust) * parameters.swing_walk**2
-    walk = jnp.stack([jnp.zeros_like(std), jnp.zeros_like(std), std * 0 + parameters.acceleration_error_walk**2])
+    # Turning unseen for a period tilts, and tilt times gravity is an acceleration error.
+    unseen = jnp.where(state.health.gyro_rejected, parameters.gravity * parameters.missing_gyro_noise, 0)
+    error = parameters.acceleration_error_walk**2 + period * unseen**2
+    walk = jnp.stack([jnp.zeros_like(error), jnp.zeros_like(error), error])
     drift = period * jnp.concatenate([walk, feet])
     return axis_filter.predict(Belief(mean, state.covariance), acceleration, period, std**2, drift)
 

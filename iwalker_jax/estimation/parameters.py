@@ -17,7 +17,8 @@ class EstimatorParameters:
     """Noise of the filter's model and measurements; a pytree, so that any of them may be traced and tuned.
 
     Standard deviations are what the filter should allow for while walking (impacts, slip, tilt error), which is more
-    than the sensors' own noise.
+    than the sensors' own noise. The legs are trusted little, the IMU much: a filter that takes a sliding foot for a
+    moving base feeds the slide back through the controller, and the robot falls on slippery floors.
 
     Attributes:
         control_period: [s] between two calls.
@@ -29,6 +30,7 @@ class EstimatorParameters:
         yaw_bias_gain: [1/s] share of it that goes to the gyro bias at each image.
         acceleration_noise: [m/s^2] of each accelerometer sample.
         missing_acceleration_noise: [m/s^2] when a sample is missing and constant velocity is assumed.
+        missing_gyro_noise: [rad/s] when a sample is missing and the last angular velocity is held.
         acceleration_error_walk: [m/s^2/sqrt(s)] how fast tilt error times gravity and accelerometer bias wander.
         stance_walk: [m/sqrt(s)] slip and rocking of a foot that stands.
         swing_walk: [m/sqrt(s)] freedom of a foot that does not; it is what makes the filter forget a foot's place.
@@ -53,13 +55,14 @@ class EstimatorParameters:
     gyro_bias_gain: Scalar = 0.02
     yaw_gain: Scalar = 0.1
     yaw_bias_gain: Scalar = 0.02
-    acceleration_noise: Scalar = 0.3
+    acceleration_noise: Scalar = 0.1
     missing_acceleration_noise: Scalar = 5.0
-    acceleration_error_walk: Scalar = 0.05
-    stance_walk: Scalar = 0.004
+    missing_gyro_noise: Scalar = 1.0
+    acceleration_error_walk: Scalar = 0.02
+    stance_walk: Scalar = 0.01
     swing_walk: Scalar = 0.5
     foot_position_noise: Scalar = 0.001
-    foot_velocity_noise: Scalar = 0.15
+    foot_velocity_noise: Scalar = 0.3
     foot_height_noise: Scalar = 0.004
     flat_floor: Scalar = 1.0
     contact_ramp: Scalar = 0.02
