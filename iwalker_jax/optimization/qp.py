@@ -85,7 +85,10 @@ def solve_qp(
         (x, y), answer = unrolled(data, (x, y), settings)
     else:
         answer = jax.lax.stop_gradient(solve_batched(settings, *jax.lax.stop_gradient(data), x, y))
-        x, y = (answer.x, answer.y) if gradient == "stopped" else differentiable(data, answer.x, answer.y, answer.sides)
+        x, y = answer.x, answer.y
+        if gradient == "implicit":
+            meaningful = (answer.status != Status.UNBOUNDED) & (answer.status != Status.NOT_CONVEX)
+            x, y = differentiable(data, x, y, answer.sides, meaningful)
     value = data[2] @ x
     violation = jnp.maximum(jnp.maximum(value - high, low - value), 0)[:m]
     worst = [jnp.max(violation[rows], initial=0) for _, rows in named_rows(blocks, m)] if blocks else []

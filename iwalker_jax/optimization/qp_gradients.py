@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.optimization.qp_admm import Splitting, admm
 from iwalker_jax.optimization.qp_core import Answer
@@ -56,31 +56,37 @@ def _solver(P: Array, C: Array, active: Array) -> Callable[[Array, Array], tuple
 
 @jax.custom_jvp
 def differentiable(
-    data: Data, x: Float[Array, "n"], y: Float[Array, "m"], sides: Int[Array, "m"]
+    data: Data, x: Float[Array, "n"], y: Float[Array, "m"], sides: Int[Array, "m"], meaningful: Bool[Array, ""]
 ) -> tuple[Float[Array, "n"], Float[Array, "m"]]:
     """The solution (x, y) unchanged, with its derivatives by the implicit function theorem.
 
     Args:
         data: P, q, C, low, high.
         x, y, sides: as found; without derivatives of their own.
+        meaningful: whether there is an optimum; where not, derivatives are zero.
     """
     return x, y
 
 
 @differentiable.defjvp
 def _differentiate(primals: tuple, tangents: tuple) -> tuple:
-    (P, _, C, _, _), x, y, sides = primals
+    (P, _, C, _, _), x, y, sides, meaningful = primals
     dP, dq, dC, dlow, dhigh = tangents[0]
-    active = sides != 0
-    held = jnp.where(active, y, 0)
-    force = -(dP @ x + dq + dC.T @ held)
+    active = (sides != 0) & meaningful
+    point, held = jnp.where(meaningful, x, 0), jnp.where(active, y, 0)
+    force = jnp.where(meaningful, -(dP @ point + dq + dC.T @ held), 0)
     bound = jnp.where(sides > 0, dhigh, dlow)
-    miss = jnp.where(active, bound - dC @ x, 0)
+    miss = jnp.where(active, bound - dC @ point, 0)
     solve = _solver(P, C, active)
+    n = x.shape[0]
+    # One vector, for the solve transposes only if all of its right-hand side depends on the tangents.
     change = jax.lax.custom_linear_solve(
-        lambda v: _conditions(P, C, active, *v), (force, miss), lambda _, b: solve(*b), symmetric=True
+        lambda v: jnp.concatenate(_conditions(P, C, active, v[:n], v[n:])),
+        jnp.concatenate([force, miss]),
+        lambda _, b: jnp.concatenate(solve(b[:n], b[n:])),
+        symmetric=True,
     )
-    return (x, y), change
+    return (x, y), (change[:n], change[n:])
 
 
 def unrolled(
