@@ -1,7 +1,7 @@
 """Variations of a robot: what the controller believes is one thing, what walks is another.
 
-The same changes apply to the MJX model, with traced numbers inside `vmap`, and to a C MuJoCo model. Neither updates the
-inverse inertias at rest that scale the contacts' softness (body_invweight0, dof_invweight0), so that both engines agree.
+The same changes apply to the MJX model, with traced numbers inside `vmap`, and to a C MuJoCo model. Neither updates
+the inverse inertias at rest that scale the contacts' softness (body_invweight0, dof_invweight0): both engines agree.
 """
 
 import copy
