@@ -171,9 +171,9 @@ def make_controller(
     legs = 2 * len(LEG_JOINTS)
     dtype = robot.home.dtype
     actuation = Actuation(
-        motors_from_torques=np.linalg.inv(moments.T).astype(dtype),
-        limits=np.min(np.abs(np.asarray(robot.motor_limits)), axis=1).astype(dtype),
-        arm_pose=np.asarray(robot.home[7 + legs :]),
+        motors_from_torques=jnp.asarray(np.linalg.inv(moments.T), dtype),
+        limits=jnp.min(jnp.abs(robot.motor_limits), axis=1),
+        arm_pose=robot.home[7 + legs :],
     )
     return Controller(
         stepping_gains(gait, dtype),

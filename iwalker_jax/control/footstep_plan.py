@@ -25,7 +25,7 @@ class FootstepPlan(NamedTuple):
     positions: Float[Array, "*batch k 2"]
     yaws: Float[Array, "*batch k"]
     first_swing: Int[Array, "*batch"]
-    count: Int[Array, "*batch"]
+    count: Int[Array, "*batch"]  # type: ignore[assignment]  # hides tuple.count, which nobody needs here
 
 
 def sides(plan: FootstepPlan) -> np.ndarray:

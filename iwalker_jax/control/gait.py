@@ -13,6 +13,7 @@ from iwalker_jax.control.stepping import SteppingGains, choose_step, flow, turn
 from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
 
 STAND, SHIFT, WALK = 0, 1, 2
+_DONE = 0.999  # phase at which a swing counts as over
 
 
 class GaitState(NamedTuple):
@@ -22,6 +23,7 @@ class GaitState(NamedTuple):
         mode: () int32, STAND, SHIFT or WALK.
         time: () [s] in the present mode; in WALK since the last touchdown.
         phase: () 0..1 through the present swing.
+        late: () [s] since the swing foot should have met the floor.
         stance: () int32, the stance foot (in STAND and SHIFT the one that will carry the first step).
         step: () int32, footsteps taken.
         swing: horizontal reference of the swing foot (2,), world frame.
@@ -40,6 +42,7 @@ class GaitState(NamedTuple):
     mode: Int[Array, ""]
     time: Float[Array, ""]
     phase: Float[Array, ""]
+    late: Float[Array, ""]
     stance: Int[Array, ""]
     step: Int[Array, ""]
     swing: Motion
@@ -104,6 +107,7 @@ def initial_gait(gait: GaitParameters, posture: Posture) -> GaitState:
         mode=none,
         time=zero,
         phase=zero,
+        late=zero,
         stance=none,
         step=none,
         swing=Motion(posture.feet[1, :2], jnp.zeros(2, dtype), jnp.zeros(2, dtype)),
@@ -187,9 +191,11 @@ def advance_gait(
         gait.landing_speed,
         gait.hlip.single_support_time,
     )
+    overdue = state.phase >= _DONE
+    late = jnp.where(walking & overdue, state.late + time_step, 0.0)
     foot = Motion(
-        jnp.append(swing.position, vertical.position + stance_foot[2]),
-        jnp.append(swing.velocity, vertical.velocity),
+        jnp.append(swing.position, vertical.position + stance_foot[2] - gait.descent_speed * late),
+        jnp.append(swing.velocity, jnp.where(overdue, -gait.descent_speed, vertical.velocity)),
         jnp.append(swing.acceleration, vertical.acceleration),
     )
     s = state.phase
@@ -202,7 +208,7 @@ def advance_gait(
 
     # Standing: the divergent component is pulled to the middle of the feet, or to where the first step starts.
     middle = (posture.feet[0, :2] + posture.feet[1, :2]) / 2
-    goal = jnp.where(state.mode == SHIFT, _first_stance_point(gait, rate, posture, state), middle)
+    goal = jnp.where(state.mode == SHIFT, _first_stance_point(gait, rate, posture, plan, state), middle)
     share = jnp.clip(state.time / gait.shift_time, 0, 1)
     blend = share**2 * (3 - 2 * share)
     reference = state.com_start + blend * (goal - state.com_start)
@@ -234,6 +240,7 @@ def advance_gait(
     position, velocity = flow(rate, pendulum[..., 0], pendulum[..., 1], jnp.asarray(time_step, com[0].dtype))
     state = state._replace(
         time=state.time + time_step,
+        late=late,
         phase=jnp.where(walking, jnp.minimum(state.phase + phase_rate * time_step, 1.0), 0.0),
         swing=jax.tree.map(lambda new, old: jnp.where(walking, new, old), swing, state.swing),
         target=jnp.where(walking, target, state.target),
@@ -247,12 +254,23 @@ def _mean_yaw(yaws: Float[Array, "2"]) -> Float[Array, ""]:
 
 
 def _first_stance_point(
-    gait: GaitParameters, rate: Float[Array, ""], posture: Posture, state: GaitState
+    gait: GaitParameters, rate: Float[Array, ""], posture: Posture, plan: FootstepPlan, state: GaitState
 ) -> Float[Array, "2"]:
-    """Where the COM must rest so that the first step lands as wide as the feet stand now."""
-    stance, other = posture.feet[state.stance, :2], posture.feet[1 - state.stance, :2]
+    """Where the COM must rest so that the planned footsteps, taken from here, keep it bounded.
+
+    xi_0 = s_0 + sum_k g^-(k+1) (s_{k+1} - s_k - w_k) with growth g a step and w the legs' effect on the divergent
+    component, which alternates with the stance side.
+    """
+    stance = posture.feet[state.stance, :2]
+    footsteps, _, _ = planned_footsteps(plan, state, gait.horizon)
+    steps = jnp.diff(footsteps, axis=0, prepend=stance[None])
     growth = jnp.exp(rate * gait.hlip.single_support_time)
-    return stance + (other - stance) / (1 + growth)
+    shrink = growth ** -(1.0 + jnp.arange(gait.horizon))
+    full = state.residual[:, 0]
+    effect = full[..., 0] + full[..., 1] / rate
+    effect = turn(posture.foot_yaws[state.stance], effect)
+    own, other = effect[state.stance], effect[1 - state.stance]
+    return stance + shrink @ steps - (own + other / growth) / (growth - 1 / growth)
 
 
 def _change_mode(
@@ -263,8 +281,9 @@ def _change_mode(
     planned = state.step < plan.count
     start = (state.mode == STAND) & planned & (state.time >= gait.stand_time)
     lift = (state.mode == SHIFT) & (state.time >= gait.shift_time + gait.settle_time)
-    swing_touches = posture.touching[1 - state.stance] & (state.phase > 0.5) & gait.early_touchdown
-    land = (state.mode == WALK) & ((state.phase >= 0.999) | swing_touches)
+    touches = posture.touching[1 - state.stance]
+    due = (state.phase >= _DONE) & (touches | (state.late >= gait.late_touchdown))
+    land = (state.mode == WALK) & (due | (touches & (state.phase > 0.5) & gait.early_touchdown))
 
     # Touchdown: learn, move the plan if it cannot be kept, exchange the feet.
     learned = _learn(gait, posture, state)
@@ -298,6 +317,7 @@ def _change_mode(
         mode=mode,
         time=jnp.where(changed, 0.0, state.time),
         phase=jnp.where(changed, 0.0, state.phase),
+        late=jnp.where(changed, 0.0, state.late),
         stride=jnp.where(begin, stride, state.stride),
         swing=Motion(
             jnp.where(begin, lifted[:2], state.swing.position),

@@ -39,6 +39,7 @@ class GaitParameters:
         mpc: weights of the step MPC that corrects the planned footsteps.
         horizon: planned footsteps that the step MPC looks ahead.
         reach: bounds of one step in the heading frame.
+        behind, ahead: how far behind and ahead of the COM a foot may land [m]; the hip hardly extends backwards.
         swing_height: apex of the swing foot above the stance foot [m].
         landing_speed: downward speed of the swing foot at touchdown [m/s]; zero lands early and widens the steps.
         freeze_time: the footstep is no longer changed this long before touchdown [s].
@@ -55,6 +56,8 @@ class GaitParameters:
         residual_rate: share of the pendulum's newest prediction error that is learned at each step.
         residual_limit: bound of the learned error, position [m] and velocity [m/s].
         leg_effect: what the learning starts from.
+        late_touchdown: a swing foot that has not met the floor in time goes on down for this long [s].
+        descent_speed: at which it does [m/s].
         early_touchdown: whether a foot that touches the floor in the second half of its swing ends the step.
     """
 
@@ -62,6 +65,8 @@ class GaitParameters:
     mpc: StepMpcWeights = StepMpcWeights(orbit_position=30.0, orbit_velocity=1.0)
     horizon: int = 6
     reach: StepReach = StepReach(sagittal=0.30, lateral_min=0.045, lateral_max=0.26)
+    behind: float = 0.16
+    ahead: float = 0.28
     swing_height: float = 0.028
     landing_speed: float = 0.1
     freeze_time: float = 0.03
@@ -78,6 +83,8 @@ class GaitParameters:
     residual_rate: float = 0.3
     residual_limit: tuple[float, float] = (0.02, 0.12)
     leg_effect: LegEffect = LegEffect()
+    late_touchdown: float = 0.08
+    descent_speed: float = 0.3
     early_touchdown: bool = False
 
     def __post_init__(self) -> None:
@@ -120,7 +127,7 @@ class TaskParameters:
     torso_yaw: float = 1.0
     torso_yaw_kp: float = 200.0
     torso_yaw_kd: float = 25.0
-    com_height: float = 100.0
+    com_height: float = 400.0
     com_height_kp: float = 150.0
     com_height_kd: float = 20.0
     com_horizontal: float = 30.0

@@ -33,11 +33,11 @@ class SteppingGains:
             shift of the period-two orbit's pre-impact state that they cause.
     """
 
-    rate: Float[np.ndarray, ""]
-    wanted: Float[np.ndarray, " n"]
-    state: Float[np.ndarray, " 2"]
-    orbit_own: Float[np.ndarray, "2 2"]
-    orbit_other: Float[np.ndarray, "2 2"]
+    rate: Float[Array, ""]
+    wanted: Float[Array, " n"]
+    state: Float[Array, "2"]
+    orbit_own: Float[Array, "2 2"]
+    orbit_other: Float[Array, "2 2"]
 
 
 def stepping_gains(gait: GaitParameters, dtype: DTypeLike = np.float32) -> SteppingGains:
@@ -56,11 +56,11 @@ def stepping_gains(gait: GaitParameters, dtype: DTypeLike = np.float32) -> Stepp
     # Fixed point of x_own = A x_other + w_own, x_other = A x_own + w_other.
     inverse = np.linalg.inv(np.eye(2) - transition @ transition)
     return SteppingGains(
-        rate=np.asarray(rate, dtype),
-        wanted=np.asarray(gains[0], dtype),
-        state=np.asarray([gains[1], gains[2]], dtype),
-        orbit_own=inverse.astype(dtype),
-        orbit_other=(inverse @ transition).astype(dtype),
+        rate=jnp.asarray(rate, dtype),
+        wanted=jnp.asarray(gains[0], dtype),
+        state=jnp.asarray([float(gains[1]), float(gains[2])], dtype),
+        orbit_own=jnp.asarray(inverse, dtype),
+        orbit_other=jnp.asarray(inverse @ transition, dtype),
     )
 
 
@@ -127,11 +127,21 @@ def choose_step(
     ahead_velocity = ahead_velocity + expected[:, 1]
     local = turn(-heading, wanted)
     steps = gains.wanted @ local + gains.state[0] * ahead_position + gains.state[1] * ahead_velocity
+    # Governor: far off the plan, the plan comes along. Moving it by o leaves (steps - local) - stiffness o; the rest of
+    # the correction is then plain placement at the divergent component, which does not overshoot.
+    stiffness = 1 - jnp.sum(gains.wanted)
+    error = steps - local[0]
+    size = jnp.sqrt(jnp.sum(error**2, axis=1, keepdims=True) + 1e-12)
+    excess = error * jnp.maximum(1 - gait.governor / size, 0)
+    steps = steps - (1 - 1 / stiffness) * excess
     lateral = jnp.clip(side * steps[:, 1], gait.reach.lateral_min, gait.reach.lateral_max) * side
-    bounded = jnp.stack([jnp.clip(steps[:, 0], -gait.reach.sagittal, gait.reach.sagittal), lateral], axis=1)
+    back = jnp.maximum(ahead_position[:, 0] - gait.behind, -gait.reach.sagittal)
+    front = jnp.minimum(ahead_position[:, 0] + gait.ahead, gait.reach.sagittal)
+    bounded = jnp.stack([jnp.clip(steps[:, 0], back, jnp.maximum(front, back)), lateral], axis=1)
     beyond = jnp.sum((steps - bounded) ** 2, axis=1)
+    trailing = jnp.maximum(ahead_position[:, 0] - gait.behind, 0) ** 2
     way = jnp.sqrt(jnp.sum((bounded - turn(-heading, swing)) ** 2, axis=1) + 1e-12)
     late = jnp.maximum(way - gait.swing_speed * times, 0) ** 2
-    price = beyond + late + gait.timing_weight * (grid - 1) ** 2
+    price = beyond + late + trailing + gait.timing_weight * (grid - 1) ** 2
     best = jnp.argmin(price)
     return StepChoice(turn(heading, bounded[best]), turn(heading, steps[best]), times[best])

@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from iwalker_jax.control.controller import Controller, ControllerState, control_step, initial_controller
+from iwalker_jax.control.controller import ControlInfo, Controller, ControllerState, control_step, initial_controller
 from iwalker_jax.control.footstep_plan import FootstepPlan
-from iwalker_jax.control.gait import WALK, GaitState
+from iwalker_jax.control.gait import WALK
 from iwalker_jax.control.whole_body import GRAVITY
 from iwalker_jax.estimation import (
     EstimatorParameters,
@@ -27,11 +27,12 @@ from iwalker_jax.estimation import (
     initial_sensors,
     simulate_sensors,
 )
-from iwalker_jax.optimization.solution import Solution, Status
+from iwalker_jax.optimization.solution import Status
 from iwalker_jax.robot.leg_kinematics import LegKinematics
 from iwalker_jax.robot.model import LEG_JOINTS, RobotModel
-from iwalker_jax.robot.physics import ContactSolver, PhysicsInfo, PhysicsState, complete_step, initial_state
+from iwalker_jax.robot.physics import ContactSolver, PhysicsState, complete_step, initial_state
 from iwalker_jax.robot.rigid_body import RigidBodyTerms, rigid_body_terms, smooth_stages, terms_from_data
+from iwalker_jax.robot.variation import vary
 
 MAX_DELAY = 4
 """Longest delay of the torques, in ticks."""
@@ -99,23 +100,33 @@ class Sensing(NamedTuple):
     specific_force: Float[Array, "3"]
 
 
+class Mind(NamedTuple):
+    """What a robot remembers between two ticks.
+
+    Attributes:
+        controller: the controller's memory.
+        sensing: sensors and estimate, or None with the true state fed back.
+        torques: (MAX_DELAY + 1, nu) last motor torques, newest first [N m].
+        touching: (2,) bool, feet pressed on the floor in the last step.
+    """
+
+    controller: ControllerState
+    sensing: Sensing | None
+    torques: Float[Array, "d nu"]
+    touching: Bool[Array, "2"]
+
+
 class WalkState(NamedTuple):
     """Everything that a roll-out carries from tick to tick.
 
     Attributes:
         physics: the true robot.
-        controller: its controller's memory.
-        sensing: sensors and estimate, or None with the true state fed back.
-        torques: (MAX_DELAY + 1, nu) last motor torques, newest first.
-        touching: (2,) bool feet pressed on the floor in the last step.
+        mind: its memory.
         fallen: () bool, the robot lies or its state is not finite; it is frozen.
     """
 
     physics: PhysicsState
-    controller: ControllerState
-    sensing: Sensing | None
-    torques: Float[Array, "d nu"]
-    touching: Bool[Array, "2"]
+    mind: Mind
     fallen: Bool[Array, ""]
 
 
@@ -151,66 +162,106 @@ class Sample(NamedTuple):
     fallen: Bool[Array, "*n"]
 
 
-def start_walk(walker: Walker, conditions: Conditions) -> WalkState:
-    """A robot standing in its conditions' start state."""
-    robot = walker.robot
-    physics = initial_state(robot, conditions.qpos, conditions.qvel)
-    terms = rigid_body_terms(robot, conditions.qpos, conditions.qvel)
+def start_mind(walker: Walker, conditions: Conditions) -> Mind:
+    """Memory of a robot standing in its conditions' start state."""
+    terms = rigid_body_terms(walker.robot, conditions.qpos, conditions.qvel)
     sensing = None
     if walker.noise is not None:
         sensors = initial_sensors(walker.noise, conditions.key, conditions.qpos)
         level = terms.base_rotation.T @ jnp.asarray([0.0, 0.0, GRAVITY], terms.com.dtype)
         sensing = Sensing(sensors, initial_estimate(walker.legs, conditions.qpos, conditions.qvel), level)
-    torques = jnp.zeros((MAX_DELAY + 1, robot.motor_moments.shape[0]), terms.com.dtype)
-    return WalkState(
-        physics, initial_controller(walker.controller, terms), sensing, torques, jnp.ones(2, bool), jnp.asarray(False)
+    torques = jnp.zeros((MAX_DELAY + 1, walker.robot.motor_moments.shape[0]), terms.com.dtype)
+    return Mind(initial_controller(walker.controller, terms), sensing, torques, jnp.ones(2, bool))
+
+
+def start_walk(walker: Walker, conditions: Conditions) -> WalkState:
+    """A robot standing in its conditions' start state."""
+    physics = initial_state(walker.robot, conditions.qpos, conditions.qvel)
+    return WalkState(physics, start_mind(walker, conditions), jnp.asarray(False))
+
+
+class Decision(NamedTuple):
+    """Outcome of one tick's thinking.
+
+    Attributes:
+        torques: (nu,) [N m] that reach the motors now, the delay included.
+        believed: rigid-body terms that the controller went by.
+        info: the controller's.
+    """
+
+    torques: Float[Array, " nu"]
+    believed: RigidBodyTerms
+    info: ControlInfo
+
+
+def decide(
+    walker: Walker,
+    conditions: Conditions,
+    plan: FootstepPlan,
+    mind: Mind,
+    qpos: Float[Array, " nq"],
+    qvel: Float[Array, " nv"],
+    nominal: RigidBodyTerms | None = None,
+) -> tuple[Mind, Decision]:
+    """Sense, estimate and control: everything of a tick but the physics, whose engine may be any.
+
+    Args:
+        qpos, qvel: the true state.
+        nominal: the nominal robot's terms at it, if they are at hand; used where the true state is fed back.
+    """
+    arms = 7 + 2 * len(LEG_JOINTS)
+    sensing = mind.sensing
+    if walker.noise is not None and sensing is not None:
+        sensors, readings = simulate_sensors(walker.noise, sensing.sensors, qpos, qvel, sensing.specific_force)
+        gait = mind.controller.gait
+        carrying = jnp.where(gait.mode == WALK, jax.nn.one_hot(gait.stance, 2), 1.0).astype(qpos.dtype)
+        estimate = estimate_step(walker.estimator, walker.legs, sensing.estimate, readings, carrying)
+        qpos, qvel = estimated_qpos_qvel(estimate)
+        sensing = sensing._replace(sensors=sensors, estimate=estimate)
+        nominal = None
+    terms = rigid_body_terms(walker.robot, qpos, qvel) if nominal is None else nominal
+    torques, controller, info = control_step(
+        walker.controller, terms, (qpos[arms:], qvel[arms - 1 :]), mind.touching, plan, mind.controller
     )
+    queue = jnp.concatenate([torques[None], mind.torques[:-1]])
+    late = queue[jnp.clip(conditions.delay, 0, MAX_DELAY)]
+    return Mind(controller, sensing, queue, mind.touching), Decision(late, terms, info)
+
+
+def felt(mind: Mind, touching: Bool[Array, "4"], specific_force: Float[Array, "3"]) -> Mind:
+    """Memory with what the physics step made felt: pressed contact points, specific force [m/s^2] in the base frame."""
+    sensing = None if mind.sensing is None else mind.sensing._replace(specific_force=specific_force)
+    return mind._replace(touching=jnp.any(touching.reshape(2, 2), axis=1), sensing=sensing)
+
+
+def push_at(conditions: Conditions, time: Float[Array, ""]) -> Float[Array, "3"]:
+    """Force on the torso [N] at a time [s]."""
+    pushed = (time >= conditions.push_start) & (time < conditions.push_start + conditions.push_time)
+    return conditions.push_force * pushed
+
+
+def has_fallen(walker: Walker, qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> Bool[Array, ""]:
+    """Whether a robot lies, or its state is not finite."""
+    upward = 1 - 2 * (qpos[4] ** 2 + qpos[5] ** 2)  # third diagonal element of the base's rotation
+    fine = (upward > jnp.cos(walker.fall_tilt)) & (qpos[2] > walker.fall_height * walker.robot.home[2])
+    return ~(fine & jnp.all(jnp.isfinite(qpos)) & jnp.all(jnp.isfinite(qvel)))
 
 
 def walk_tick(walker: Walker, conditions: Conditions, plan: FootstepPlan, state: WalkState) -> tuple[WalkState, Sample]:
-    """One control period: sense, estimate, control and move one robot."""
-    plant = _vary(walker.robot, conditions.mass_scale, conditions.friction)
-    data = smooth_stages(plant, state.physics.qpos, state.physics.qvel)
+    """One control period and physics step of one robot."""
+    physics = state.physics
+    plant = vary(walker.robot, mass_scale=conditions.mass_scale, friction=conditions.friction)
+    data = smooth_stages(plant, physics.qpos, physics.qvel)
     truth = terms_from_data(plant, data)
-    sensing, terms, arms = _perceive(walker, truth, conditions.mass_scale, state)
-    torques, controller, info = control_step(walker.controller, terms, arms, state.touching, plan, state.controller)
-    torques = jnp.concatenate([torques[None], state.torques[:-1]])
-    time = state.physics.time
-    pushed = (time >= conditions.push_start) & (time < conditions.push_start + conditions.push_time)
-    push = jnp.concatenate([conditions.push_force * pushed, jnp.zeros(3, torques.dtype)])
-    late = torques[jnp.clip(conditions.delay, 0, MAX_DELAY)]
-    physics, happened = complete_step(plant, state.physics, data, late, push, walker.contacts)
-    touching = jnp.any(happened.touching.reshape(2, 2), axis=1)
-    if sensing is not None:
-        sensing = sensing._replace(specific_force=happened.accelerometer)
-    sample = _sample(state, truth, terms, controller.gait, late, happened, info.solution)
-    after = WalkState(physics, controller, sensing, torques, touching, state.fallen)
-    finite = jnp.all(jnp.isfinite(physics.qpos)) & jnp.all(jnp.isfinite(physics.qvel))
-    upright = truth.base_rotation[2, 2] > jnp.cos(walker.fall_tilt)
-    high = physics.qpos[2] > walker.fall_height * walker.robot.home[2]
-    fallen = state.fallen | ~(finite & upright & high)
-    after = jax.tree.map(lambda new, old: jnp.where(fallen, old, new), after, state)
-    return after._replace(fallen=fallen, physics=after.physics._replace(time=physics.time)), sample
-
-
-def _perceive(
-    walker: Walker, truth: RigidBodyTerms, mass_scale: Float[Array, ""], state: WalkState
-) -> tuple[Sensing | None, RigidBodyTerms, tuple[Array, Array]]:
-    """What the controller is given: rigid-body terms and the arms' joints, estimated or true, with nominal masses."""
-    arms = 7 + 2 * len(LEG_JOINTS)
-    if walker.noise is None or state.sensing is None:
-        qpos, qvel = state.physics.qpos, state.physics.qvel
-        return None, without_mass_scale(walker.robot, truth, mass_scale), (qpos[arms:], qvel[arms - 1 :])
-    sensing = state.sensing
-    sensors, readings = simulate_sensors(
-        walker.noise, sensing.sensors, state.physics.qpos, state.physics.qvel, sensing.specific_force
-    )
-    gait = state.controller.gait
-    carrying = jnp.where(gait.mode == WALK, jax.nn.one_hot(gait.stance, 2), 1.0).astype(sensing.specific_force.dtype)
-    estimate = estimate_step(walker.estimator, walker.legs, sensing.estimate, readings, carrying)
-    qpos, qvel = estimated_qpos_qvel(estimate)
-    sensing = Sensing(sensors, estimate, sensing.specific_force)
-    return sensing, rigid_body_terms(walker.robot, qpos, qvel), (qpos[arms:], qvel[arms - 1 :])
+    nominal = without_mass_scale(walker.robot, truth, conditions.mass_scale)
+    mind, decision = decide(walker, conditions, plan, state.mind, physics.qpos, physics.qvel, nominal)
+    push = jnp.concatenate([push_at(conditions, physics.time), jnp.zeros(3, physics.qpos.dtype)])
+    moved, happened = complete_step(plant, physics, data, decision.torques, push, walker.contacts)
+    mind = felt(mind, happened.touching, happened.accelerometer)
+    sample = make_sample(physics.time, physics.qpos, truth, mind, decision, happened.contact_forces, state.fallen)
+    fallen = state.fallen | has_fallen(walker, moved.qpos, moved.qvel)
+    after = jax.tree.map(lambda new, old: jnp.where(fallen, old, new), WalkState(moved, mind, fallen), state)
+    return after._replace(fallen=fallen, physics=after.physics._replace(time=moved.time)), sample
 
 
 def without_mass_scale(robot: RobotModel, terms: RigidBodyTerms, scale: Float[Array, ""]) -> RigidBodyTerms:
@@ -230,33 +281,35 @@ def without_mass_scale(robot: RobotModel, terms: RigidBodyTerms, scale: Float[Ar
     )
 
 
-def _sample(
-    state: WalkState,
+def make_sample(
+    time: Float[Array, ""],
+    qpos: Float[Array, " nq"],
     truth: RigidBodyTerms,
-    believed: RigidBodyTerms,
-    gait: GaitState,
-    torques: Float[Array, " nu"],
-    happened: PhysicsInfo,
-    solution: Solution,
+    mind: Mind,
+    decision: Decision,
+    forces: Float[Array, "4 3"],
+    fallen: Bool[Array, ""],
 ) -> Sample:
+    """The record of one tick."""
+    gait, solution = mind.controller.gait, decision.info.solution
     rotation = truth.base_rotation
     return Sample(
-        time=state.physics.time,
-        qpos=state.physics.qpos,
+        time=time,
+        qpos=qpos,
         com=truth.com,
         com_velocity=truth.com_velocity,
-        believed_velocity=believed.com_velocity,
+        believed_velocity=decision.believed.com_velocity,
         feet=truth.foot_positions,
         foot_yaws=jnp.arctan2(truth.foot_rotations[:, 1, 0], truth.foot_rotations[:, 0, 0]),
         heading=jnp.arctan2(rotation[1, 0], rotation[0, 0]),
         mode=gait.mode,
         stance=gait.stance,
         step=gait.step,
-        torques=jnp.abs(torques),
-        forces=happened.contact_forces,
+        torques=jnp.abs(decision.torques),
+        forces=forces,
         qp_residual=solution.residual,
         qp_failures=(solution.status != Status.CONVERGED).astype(jnp.int32),
-        fallen=state.fallen,
+        fallen=fallen,
     )
 
 
@@ -287,16 +340,3 @@ def roll_out(
     shapes = jax.eval_shape(partial(walk_tick, walker), conditions, plan, state)[1]
     empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     return jax.lax.scan(interval, state, None, length=samples)
-
-
-def _vary(robot, mass_scale, friction):
-    import dataclasses
-
-    m = robot.model
-    m = m.replace(
-        body_mass=m.body_mass * mass_scale,
-        body_inertia=m.body_inertia * mass_scale,
-        body_subtreemass=m.body_subtreemass * mass_scale,
-        geom_friction=m.geom_friction.at[:, 0].set(friction),
-    )
-    return dataclasses.replace(robot, model=m)

@@ -1,0 +1,22 @@
+"""One BRUCE and its controller for all control tests."""
+
+import pytest
+
+from bruce_model import load_mujoco
+from iwalker_jax.control.controller import make_controller
+from iwalker_jax.robot.model import load_robot
+
+
+@pytest.fixture(scope="session")
+def bruce_mujoco():
+    return load_mujoco()
+
+
+@pytest.fixture(scope="session")
+def bruce(bruce_mujoco):
+    return load_robot(bruce_mujoco)
+
+
+@pytest.fixture(scope="session")
+def controller(bruce):
+    return make_controller(bruce)
