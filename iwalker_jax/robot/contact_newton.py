@@ -89,7 +89,8 @@ def minimise(limbs: Limbs, max_iterations: int, tolerance: float) -> Callable[..
             lambda s: _advance(limbs, inertia, smooth, sided, small, s),
             state,
         )
-        return join_vector(limbs, state.acceleration), state.residual, state.iterations
+        acceleration = join_vector(limbs, state.acceleration)
+        return jnp.where(jnp.isfinite(state.residual), acceleration, jnp.nan), state.residual, state.iterations
 
     return batch_last(run)
 
