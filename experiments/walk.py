@@ -1,0 +1,191 @@
+"""Let simulated robots walk: python -m experiments.walk [--motion s_curve] [--robots 1] [--engine mjx|mujoco]."""
+
+import sys
+
+from iwalker_jax.runtime import configure_runtime, requested_devices
+from iwalker_jax.simulation.headless import configure_rendering, has_screen
+
+if __name__ == "__main__":
+    configure_runtime(requested_devices(sys.argv))
+    configure_rendering()
+
+import dataclasses
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import jax
+import mujoco
+import numpy as np
+import tyro
+
+from experiments.console import console, exit_with, progress_bar, say
+from experiments.walk_output import film, print_figures, push_forces, save_figures, save_pictures
+from iwalker_jax.errors import InputError
+from iwalker_jax.evaluation.walk_metrics import robot_rows, walk_metrics, walk_record
+from iwalker_jax.simulation.mujoco_walking import roll_out_mujoco
+from iwalker_jax.simulation.walk_batch import BatchResult, WalkProgram
+from iwalker_jax.simulation.walk_dump import save_dump
+from iwalker_jax.simulation.walk_setup import (
+    Disturbances,
+    Motion,
+    MotionKind,
+    Sensors,
+    Walk,
+    default_walker,
+    make_walk,
+    sample_conditions,
+)
+from iwalker_jax.simulation.walking import Conditions, Walker
+
+_GRID = 16  # robots shown in the grid of traces
+
+
+@dataclass(frozen=True)
+class Command:
+    """Let BRUCE walk in simulation and measure how well it keeps to the plan.
+
+    Attributes:
+        motion: what to do; --footsteps and --path choose their own.
+        speed: [m/s] forward, of sideways to the left.
+        turn: [deg/s] of the motion turn.
+        step_length: [m] in place of the speed.
+        distance: [m] to walk.
+        seconds: [s] to move for, where no distance is given.
+        width: [m] between the tracks of the feet.
+        footsteps: CSV file of footsteps to walk, `side, x, y, yaw_degrees` a line.
+        path: CSV file of a path to follow, `x, y` a line.
+        robots: number of robots, each with friction, mass and start of its own.
+        engine: of the physics: MJX for batches, or C MuJoCo.
+        seed: of the conditions and the sensors' noise.
+        sensors: `none` feeds the true state back, the others walk on the estimate from simulated sensors.
+        friction: least and largest coefficient of the floor.
+        mass: largest relative change of all masses.
+        delay: least and largest delay of the torques, in ticks of 2 ms.
+        push_impulse: [N s] of a push of 0.1 s and random sign while walking.
+        push_axis: its axis.
+        out: folder for pictures, video and figures.
+        video: film the first robot.
+        view: play the first robot's walk in MuJoCo's viewer.
+        devices: number of devices, all by default; on a CPU that many are made of its cores.
+    """
+
+    motion: MotionKind = "s_curve"
+    speed: float = 0.15
+    turn: float = 15.0
+    step_length: float | None = None
+    distance: float | None = None
+    seconds: float | None = None
+    width: float = 0.10
+    footsteps: Path | None = None
+    path: Path | None = None
+    robots: int = 1
+    engine: Literal["mjx", "mujoco"] = "mjx"
+    seed: int = 0
+    sensors: Sensors = "none"
+    friction: tuple[float, float] = (0.5, 1.0)
+    mass: float = 0.05
+    delay: tuple[int, int] = (0, 0)
+    push_impulse: float = 0.0
+    push_axis: Literal["x", "y"] = "x"
+    out: Path = Path("runs/walk")
+    video: bool = True
+    view: bool = False
+    devices: int | None = None
+
+
+def motion_of(command: Command) -> Motion:
+    """The motion that the options ask for."""
+    if command.footsteps is not None and command.path is not None:
+        raise InputError("Both --footsteps and --path are given; choose one.")
+    kind, file = command.motion, None
+    if command.footsteps is not None:
+        kind, file = "footsteps", command.footsteps
+    elif command.path is not None:
+        kind, file = "path", command.path
+    shared = ("speed", "turn", "step_length", "distance", "seconds", "width")
+    return Motion(kind, file=file, **{name: getattr(command, name) for name in shared})
+
+
+def simulate(
+    command: Command, walker: Walker, model: mujoco.MjModel, walk: Walk, conditions: Conditions
+) -> BatchResult:
+    """The walk on the chosen engine, progress shown."""
+    if command.engine == "mujoco":
+        interval = walker.controller.time_step * 10
+        say(f"Walking {walk.seconds:.1f} s on C MuJoCo ...")
+        began = time.perf_counter()
+        sample = roll_out_mujoco(walker, model, conditions, walk.plan, round(walk.seconds / interval), 10)
+        return BatchResult(jax.tree.map(np.asarray, sample), time.perf_counter() - began, 0.0, ())
+    program = WalkProgram(walker, command.robots, walk.plan.yaws.shape[-1], command.devices)
+    with progress_bar("simulated seconds", round(walk.seconds)) as advance:
+        advance(0, "compiling, a minute or two the first time")
+        return program.run(
+            conditions, walk.plan, walk.seconds, lambda done, up: advance(round(done), f"{up} robots up")
+        )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    given = sys.argv[1:] if arguments is None else arguments
+    command = tyro.cli(Command, args=given, description=Command.__doc__)
+    try:
+        if command.view and not has_screen():
+            raise InputError("There is no screen for MuJoCo's viewer (DISPLAY is not set); leave --view out.")
+        walker, model = default_walker(command.sensors)
+        gait = walker.controller.gait
+        step_time = float(gait.hlip.step_time)
+        walk = make_walk(motion_of(command), model, gait)
+        disturbances = Disturbances(
+            friction=command.friction,
+            mass=command.mass,
+            push_impulse=command.push_impulse,
+            push_axis=command.push_axis,
+            delay=command.delay,
+        )
+        conditions = sample_conditions(walker.robot, disturbances, command.robots, command.seed, step_time)
+        result = simulate(command, walker, model, walk, conditions)
+        finish(command, walker, model, walk, conditions, result)
+    except (InputError, OSError) as error:
+        exit_with(error)
+    return 0
+
+
+def finish(
+    command: Command, walker: Walker, model: mujoco.MjModel, walk: Walk, conditions: Conditions, result: BatchResult
+) -> None:
+    """Figures, files, pictures and video of a finished simulation."""
+    step_time = float(walker.controller.gait.hlip.step_time)
+    limits = np.asarray(walker.controller.actuation.limits)
+    rows = [robot_rows(result.sample, k) for k in range(command.robots)]
+    metrics = [walk_metrics(row, walk.plan, limits, step_time) for row in rows]
+    command.out.mkdir(parents=True, exist_ok=True)
+    console.print()
+    figures = print_figures(metrics, result)
+    save_figures(command.out, dataclasses.asdict(command), walk, conditions, metrics, figures, result)
+    for broken in result.broken[:1]:
+        say(f"Robot {broken.row} turned non-finite; its last ticks are being written to nan_dump.npz.")
+        save_dump(command.out / "nan_dump.npz", walker, broken)
+    records = [
+        walk_record(
+            row,
+            walk.plan,
+            limits,
+            step_time,
+            abs(walk.speed),
+            walk.path,
+            (float(conditions.push_start[k]),) if command.push_impulse else (),
+            float(conditions.friction[k]),
+        )
+        for k, row in enumerate(rows[:_GRID])
+    ]
+    save_pictures(command.out, records, f"{motion_of(command).kind}, {command.engine}")
+    video = command.out / "walk.mp4" if command.video else None
+    pushes = push_forces(conditions, 0, records[0].time)
+    film(video, command.view, model, records[0], np.asarray(rows[0].qpos), pushes)
+    say(f"Figures, pictures and records are in {command.out}.")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

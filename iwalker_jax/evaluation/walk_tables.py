@@ -1,0 +1,121 @@
+"""Tables of walks: one row a case with the figures of all its robots, as text, Markdown and CSV."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from iwalker_jax.evaluation.tables import Column
+from iwalker_jax.evaluation.walk_metrics import WalkMetrics, speed_error
+
+COLUMNS = (
+    Column("robots", "number of walks", 0),
+    Column("falls", "walks that ended in a fall", 0),
+    Column("survived %", "the others", 1),
+    Column("speed m/s", "achieved between the touchdowns of the steady part", 3),
+    Column("speed error %", "mean size of its relative error; of the turn rate where the robot turns on the spot", 1),
+    Column("footstep mean cm", "landed to planned foot, mean over all footsteps made", 2),
+    Column("footstep max cm", "the largest of them", 2),
+    Column("heading mean deg", "torso to the mean of the planned yaws of the feet on the ground", 2),
+    Column("heading max deg", "the largest of them", 2),
+    Column("COM mean cm", "COM to the middle of the planned feet at touchdowns", 2),
+    Column("COM max cm", "the largest of them", 2),
+    Column("torque peak %", "largest share of a motor's limit", 0),
+    Column("QP failures", "ticks whose whole-body QP did not converge", 0),
+    Column("velocity RMS cm/s", "error of the COM velocity that the controller believes", 2),
+)
+
+
+def summarise(metrics: Sequence[WalkMetrics]) -> dict[str, float]:
+    """Figures of one case over its robots, by column title; NaN where a column does not apply."""
+    falls = sum(m.fallen for m in metrics)
+    steps = 100 * np.concatenate([m.footstep_errors for m in metrics])
+    headings = np.degrees(np.concatenate([m.heading_errors for m in metrics]))
+    coms = 100 * np.concatenate([m.com_errors for m in metrics])
+    return {
+        "robots": float(len(metrics)),
+        "falls": float(falls),
+        "survived %": 100.0 * (len(metrics) - falls) / len(metrics),
+        "speed m/s": _mean([m.speed for m in metrics]),
+        "speed error %": _mean(np.abs([speed_error(m) for m in metrics])),
+        "footstep mean cm": _mean(steps),
+        "footstep max cm": _max(steps),
+        "heading mean deg": _mean(headings),
+        "heading max deg": _max(headings),
+        "COM mean cm": _mean(coms),
+        "COM max cm": _max(coms),
+        "torque peak %": 100 * _max(np.concatenate([m.torque_shares for m in metrics])),
+        "QP failures": float(sum(m.qp_failures for m in metrics)),
+        "velocity RMS cm/s": 100 * _root_mean_square([m.velocity_rms for m in metrics]),
+    }
+
+
+def _finite(values: Sequence[float] | np.ndarray) -> np.ndarray:
+    values = np.asarray(values, np.float64)
+    return values[np.isfinite(values)]
+
+
+def _mean(values: Sequence[float] | np.ndarray) -> float:
+    usable = _finite(values)
+    return float(usable.mean()) if len(usable) else float("nan")
+
+
+def _root_mean_square(values: Sequence[float] | np.ndarray) -> float:
+    return float(np.sqrt(_mean(np.square(values))))
+
+
+def _max(values: Sequence[float] | np.ndarray) -> float:
+    usable = _finite(values)
+    return float(usable.max()) if len(usable) else float("nan")
+
+
+@dataclass(frozen=True)
+class WalkTable:
+    """Rows of cases.
+
+    Attributes:
+        rows: (suite, case, engine) and the figures of each.
+    """
+
+    rows: tuple[tuple[tuple[str, str, str], dict[str, float]], ...]
+
+    def cells(self) -> list[list[str]]:
+        """Formatted cells, header first."""
+        lines = [["suite", "case", "engine", *(column.title for column in COLUMNS)]]
+        for labels, row in self.rows:
+            lines.append([*labels, *(_cell(row[column.title], column.decimals) for column in COLUMNS)])
+        return lines
+
+    def text(self) -> str:
+        """Aligned plain text."""
+        cells = self.cells()
+        widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
+        return "\n".join("  ".join(value.rjust(width) for value, width in zip(line, widths)) for line in cells)
+
+    def markdown(self) -> str:
+        """A Markdown table."""
+        header, *body = self.cells()
+        lines = [header, ["---"] * len(header), *body]
+        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+    def save(self, folder: Path, name: str) -> None:
+        """Write name.txt, name.md and name.csv (full precision)."""
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{name}.txt").write_text(f"{self.text()}\n\n{legend()}\n")
+        (folder / f"{name}.md").write_text(f"{self.markdown()}\n\n{legend()}\n")
+        with (folder / f"{name}.csv").open("w", newline="") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(["suite", "case", "engine", *(column.title for column in COLUMNS)])
+            for labels, row in self.rows:
+                writer.writerow([*labels, *(row[column.title] for column in COLUMNS)])
+
+
+def _cell(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}" if np.isfinite(value) else "-"
+
+
+def legend() -> str:
+    """What the columns mean, one a line."""
+    return "\n".join(f"- {column.title}: {column.meaning}." for column in COLUMNS)
