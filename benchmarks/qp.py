@@ -149,7 +149,8 @@ def compare(name: str, problems: Arrays, torque_map: np.ndarray, offset: np.ndar
     length, n = problems[1].shape
     print(f"\n{name}: {n} variables, {problems[3].shape[1]} rows, {length} ticks")
     expected = np.stack([clarabel_solver(*(a[t] for a in problems)) for t in range(length)])
-    stack = QuadraticProgram(*(jnp.asarray(a, jnp.float32) for a in problems))
+    P, q, C, low, high = (jnp.asarray(a, jnp.float32) for a in problems)
+    stack = QuadraticProgram(P, q, C, low, high)
     lines = []
     peers = {"quadprog": quadprog_solver, "OSQP 1e-5": osqp_solver}
     if find_spec("proxsuite"):
@@ -185,8 +186,10 @@ def ugly_statuses(seeds: int) -> None:
     ends: dict[str, list[str]] = {}
     for seed in range(seeds):
         for name, case in ugly_qps(seed).items():
-            program = QuadraticProgram(*(jnp.asarray(a, jnp.float32) for a in case[:5]))
-            ends.setdefault(f"{name} ({case.outcome})", []).append(Status(int(solve(program).status)).name.lower())
+            P, q, C, low, high = (jnp.asarray(a, jnp.float32) for a in case[:5])
+            ends.setdefault(f"{name} ({case.outcome})", []).append(
+                Status(int(solve(QuadraticProgram(P, q, C, low, high)).status)).name.lower()
+            )
     for name, found in ends.items():
         print(f"  {name:<42} " + ", ".join(f"{found.count(s)} {s}" for s in sorted(set(found))))
 

@@ -35,11 +35,14 @@ class ActiveSet(NamedTuple):
     pivots: Int[Array, ""]
 
 
-class _Search(NamedTuple):
+class _Tableau(NamedTuple):
     tableau: Array
     value: Array  # y of active rows, w of the others
     sides: Array
-    wish: Array  # the rows to start from, signed, larger = earlier; 0 when dealt with
+
+
+class _Search(NamedTuple):
+    at: _Tableau
     entering: Array  # row on its way in, else m
     partial: Array  # its multiplier so far
     leaving: Array  # row on its way out, else m
@@ -52,13 +55,57 @@ def _first(mask: Bool[Array, "m *b"], index: Int[Array, "m *b"]) -> Int[Array, "
     return fold(jnp.minimum, jnp.where(mask, index, index.shape[0]))
 
 
+def _pick(values: Array, row: Int[Array, "*b"]) -> Array:
+    """Each problem's own row."""
+    if row.ndim == 0:
+        return values[row]
+    where = row.reshape((1,) * (values.ndim - row.ndim) + row.shape)
+    return jnp.take_along_axis(values, where, axis=0, mode="clip")[0]
+
+
+def _sweep(tableau: Array, column: Array, pivot: Array, here: Array, swap: Array, drop: Array) -> Array:
+    """Sweep the row `here` where `swap` says so; unsweep it where `drop` does."""
+    cross = jnp.where(here & swap, 1, 0).astype(tableau.dtype)
+    inverse = 1 / jnp.where(pivot == 0, 1, pivot)
+    edge = jnp.where(here, -inverse / 2, jnp.where(drop, -inverse, inverse) * column)
+    flux = jnp.where(here & swap, 1, jnp.where(swap, inverse, 0) * column)
+    swept = (tableau - flux[:, None] * column[None]) * (1 - cross[None])
+    return swept + cross[:, None] * edge[None] + edge[:, None] * cross[None]
+
+
+def _start(
+    at: _Tableau, low: Array, high: Array, wish: Array, least: Array, index: Array
+) -> tuple[_Tableau, Int[Array, ""]]:
+    """Sweep in the wished rows that do not depend on each other, whatever the signs of their multipliers become."""
+
+    def enter(carry: tuple) -> tuple:
+        (tableau, value, sides), wish, pivots = carry
+        appeal = jnp.abs(wish)
+        most = fold(jnp.maximum, appeal)
+        row = _first(appeal == most, index)
+        here = index == row
+        column = _pick(tableau, row)
+        pivot = _pick(column, row)
+        upward = _pick(jnp.where(wish > 0, 1, 0), row) > 0
+        bound = jnp.where(upward, _pick(high, row), _pick(low, row))
+        swap = (most > 0) & (pivot >= least)
+        move = jnp.where(swap, (_pick(value, row) - bound) / jnp.where(swap, pivot, 1), 0)
+        value = jnp.where(here & swap, move, value - column * move)
+        sides = jnp.where(here & swap, jnp.where(upward, 1, -1).astype(sides.dtype), sides)
+        tableau = _sweep(tableau, column, pivot, here, swap, jnp.zeros_like(swap))
+        return _Tableau(tableau, value, sides), jnp.where(here, 0, wish), pivots + 1
+
+    carry = jax.lax.while_loop(lambda c: jnp.any(c[1] != 0), enter, (at, wish, jnp.asarray(0, jnp.int32)))
+    return carry[0], carry[2]
+
+
 def find_active_set(
     tableau: Float[Array, "m m *b"],
     value: Float[Array, "m *b"],
     sides: Float[Array, "m *b"],
     low: Float[Array, "m *b"],
     high: Float[Array, "m *b"],
-    wish: Float[Array, "m *b"],
+    wish: Float[Array, "m *b"] | None,
     slack: Float[Array, "*b"],
     loose: Float[Array, "*b"],
     least: Float[Array, "*b"],
@@ -72,7 +119,8 @@ def find_active_set(
         value: w0, or y of the active rows and w of the others.
         sides: zeros, or as another search left it.
         low, high: bounds of w.
-        wish: signs say which rows to start from and on which side, sizes in which order.
+        wish: signs say which rows to start from and on which side, sizes in which order;
+            None starts from `sides`.
         slack: violation that counts as none.
         loose: violation that counts as none in a row that depends on the active ones.
         least: Schur complements below this count as zero: the row depends on the active ones.
@@ -86,89 +134,62 @@ def find_active_set(
     huge = jnp.finfo(dtype).max / 4
 
     def step(state: _Search) -> _Search:
-        tableau, value, sides, wish = state.tableau, state.value, state.sides, state.wish
+        tableau, value, sides = state.at
         active = sides != 0
         running = ~(state.solved | state.blocked)
 
-        # Which row: one that must leave, one of the start, one with the wrong sign, one half in, the most violated.
-        appeal = jnp.abs(wish)
-        most_wished = fold(jnp.maximum, appeal)
+        # Which row: one that must leave, one with the wrong sign, one half in, the most violated.
         wrong = jnp.where(active & ~equality, -value * sides, 0)
         most_wrong = fold(jnp.maximum, wrong)
         outside = jnp.where(active, 0, jnp.maximum(value - high, low - value))
         most_outside = fold(jnp.maximum, outside)
-        leave, start = state.leaving < m, most_wished > 0
-        fix, resume = most_wrong > 0, state.entering < m
-        score = jnp.where(start, appeal, jnp.where(fix, wrong, outside))
-        most = jnp.where(start, most_wished, jnp.where(fix, most_wrong, most_outside))
-        best = _first(score == most, index)
-        row = jnp.where(leave, state.leaving, jnp.where(start | fix | ~resume, best, state.entering))
-        start &= ~leave
-        drop = leave | (fix & ~start)
-        at = index == row
-
-        def pick(values: Array) -> Array:
-            where = row.reshape((1,) * (values.ndim - row.ndim) + row.shape)
-            return jnp.take_along_axis(values, where, axis=0, mode="clip")[0] if batch else values[row]
-
-        column = pick(tableau)
-        pivot, own, wished = pick(column), pick(value), pick(wish)
-        top, bottom, side = pick(high), pick(low), pick(sides)
-        begun = start & (top > bottom)
-        upward = jnp.where(drop, side > 0, jnp.where(begun, wished > 0, own > top))
+        leave, fix, resume = state.leaving < m, most_wrong > 0, state.entering < m
+        best = _first(jnp.where(fix, wrong == most_wrong, outside == most_outside), index)
+        row = jnp.where(leave, state.leaving, jnp.where(fix | ~resume, best, state.entering))
+        drop = leave | fix
+        here = index == row
+        column = _pick(tableau, row)
+        pivot, own, top, bottom = (_pick(v, row) for v in (column, value, high, low))
+        upward = jnp.where(drop, _pick(sides, row) > 0, own > top)
         bound = jnp.where(upward, top, bottom)
 
         # How far: to the bound (or the multiplier to zero), unless another multiplier gets to zero before.
         dependent = ~drop & (pivot < least)
         # What little a dependent row is violated by is rounding: the active rows already hold it.
-        done = ~drop & ~start & ~resume & (most_outside <= jnp.where(dependent, loose, slack))
+        done = ~drop & ~resume & (most_outside <= jnp.where(dependent, loose, slack))
         full = jnp.where(drop, own, own - bound) / jnp.where(dependent, 1, pivot)
         sign = jnp.where(upward, 1, -1).astype(dtype)
         falling = column * sign * sides
         ratio = jnp.where(active & ~equality & (falling > 0), value * sides / jnp.where(falling > 0, falling, 1), huge)
         nearest = jnp.maximum(fold(jnp.minimum, ratio), 0)
-        free_move = drop | start
-        cut = ~free_move & (nearest < jnp.where(dependent, huge, jnp.abs(full)))
-        stuck = dependent & ~free_move & ~cut & ~done
-        rejected = dependent & start
-        move = jnp.where(cut, sign * nearest, full)
-        acting = running & ~done & ~stuck & ~rejected
-        move = jnp.where(acting, move, 0)
+        cut = ~drop & (nearest < jnp.where(dependent, huge, jnp.abs(full)))
+        stuck = dependent & ~cut & ~done
+        acting = running & ~done & ~stuck
+        move = jnp.where(acting, jnp.where(cut, sign * nearest, full), 0)
         swap = acting & ~cut
 
         value = value - column * move
-        entered = state.partial * (row == state.entering) + move
-        value = jnp.where(at & swap, jnp.where(drop, bound - move, entered), value)
+        entered = jnp.where(row == state.entering, state.partial, 0) + move
+        value = jnp.where(here & swap, jnp.where(drop, bound - move, entered), value)
         blocker = _first((ratio <= nearest) & active, index)
-
-        # Sweep (or, on the way out, unsweep) the row.
-        cross = jnp.where(at & swap, 1, 0).astype(dtype)
-        inverse = 1 / jnp.where(pivot == 0, 1, pivot)
-        edge = jnp.where(at, -inverse / 2, jnp.where(drop, -inverse, inverse) * column)
-        flux = jnp.where(swap, inverse, 0) * column
-        flux = jnp.where(at & swap, 1, flux)
-        swept = (tableau - flux[:, None] * column[None]) * (1 - cross[None])
-        swept = swept + cross[:, None] * edge[None] + edge[:, None] * cross[None]
-        new_side = jnp.where(drop, 0, sign)
-        entering = jnp.where(drop | start, state.entering, jnp.where(cut, row, m))
+        sides = jnp.where(here & swap, jnp.where(drop, 0, sign), sides)
+        entering = jnp.where(drop, state.entering, jnp.where(cut, row, m))
         return _Search(
-            swept,
-            value,
-            jnp.where(at & swap, new_side, sides),
-            jnp.where(at & (swap | rejected) & running, 0, wish),
+            _Tableau(_sweep(tableau, column, pivot, here, swap, drop), value, sides),
             jnp.where(acting, entering, state.entering),
-            jnp.where(acting & cut, entered, jnp.where(acting & ~free_move, 0, state.partial)),
+            jnp.where(acting & ~drop, jnp.where(cut, entered, 0), state.partial),
             jnp.where(acting, jnp.where(cut, blocker, m), state.leaving),
             state.solved | (running & done),
             state.blocked | (running & stuck),
             state.pivots + 1,
         )
 
+    at = _Tableau(tableau, value, sides)
+    pivots = jnp.asarray(0, jnp.int32)
+    if wish is not None:
+        at, pivots = _start(at, low, high, wish, least, index)
     none = jnp.full(batch, m)
-    no = jnp.zeros(batch, bool)
-    state = _Search(
-        tableau, value, sides, wish, none, jnp.zeros(batch, dtype), none, still, no, jnp.asarray(0, jnp.int32)
-    )
+    state = _Search(at, none, jnp.zeros(batch, dtype), none, still, jnp.zeros(batch, bool), pivots)
     state = jax.lax.while_loop(lambda s: jnp.any(~(s.solved | s.blocked)) & (s.pivots < limit), step, state)
-    y = jnp.where(state.sides != 0, state.value, 0)
-    return ActiveSet(state.sides, y, state.tableau, state.solved, state.blocked, state.pivots)
+    y = jnp.where(state.at.sides != 0, state.at.value, 0)
+    return ActiveSet(state.at.sides, y, state.at.tableau, state.solved, state.blocked, state.pivots)

@@ -81,7 +81,13 @@ def _search(data: _Scaled, state: _State, settings: QpSettings) -> tuple[Callabl
     limit = settings.pivots or 5 * (m + 10)
 
     def search(
-        tableau: Array, value: Array, sides: Array, wish: Array, slack: Array, loose: Array, still: Array | None = None
+        tableau: Array,
+        value: Array,
+        sides: Array,
+        wish: Array | None,
+        slack: Array,
+        loose: Array,
+        still: Array | None = None,
     ) -> ActiveSet:
         still = jnp.zeros(slack.shape, bool) if still is None else still
         return find_active_set(tableau, value, sides, data.low, data.high, wish, slack, loose, least, still, limit)
@@ -217,7 +223,7 @@ def solve_core(
                 found.tableau,
                 jnp.where(found.sides != 0, y, value),
                 found.sides,
-                jnp.zeros_like(low),
+                None,
                 slack,
                 slack,
                 held,
