@@ -138,21 +138,24 @@ def _rates(
     nothing = (float("nan"),) * 4
     if len(positions) < 4:
         return nothing
-    planned, actual = (positions[1:] + positions[:-1]) / 2, (landed.feet[1:, :2] + landed.feet[:-1, :2]) / 2
-    moves = np.diff(planned, axis=0)
+    moves, made = _between_tracks(np.diff(positions, axis=0)), _between_tracks(np.diff(landed.feet[:, :2], axis=0))
+    turns, turned = (_between_tracks(_wrapped(np.diff(each))) for each in (yaws, landed.feet[:, 2]))
+    times = _between_tracks(np.diff(landed.times))
     lengths = np.linalg.norm(moves, axis=1)
-    turns = np.abs(_wrapped(np.diff(yaws)))[1:]
-    pace = lengths if lengths.max() > 1e-6 else turns
-    steady = (pace >= _STEADY * pace.max()) & np.isfinite(actual).all(axis=1)[1:] & np.isfinite(actual).all(axis=1)[:-1]
+    pace = lengths if lengths.max() > 1e-6 else np.abs(turns)
+    steady = (pace >= _STEADY * pace.max()) & np.isfinite(made).all(axis=1)
     if not steady.any():
         return nothing
-    ahead = moves[steady] / np.maximum(lengths[steady], 1e-9)[:, None]
-    duration = float(np.sum((landed.times[2:] - landed.times[1:-1])[steady]))
-    nominal = float(steady.sum()) * step_time
-    way = float(np.sum(np.diff(actual, axis=0)[steady] * ahead))
-    turned = float(np.sum(_wrapped(np.diff(landed.feet[:, 2]))[1:][steady]))
-    planned_turn = float(np.sum(_wrapped(np.diff(yaws))[1:][steady]))
-    return way / duration, float(np.sum(lengths[steady])) / nominal, turned / duration, planned_turn / nominal
+    ahead = moves[steady] / np.maximum(lengths[steady], 1e-6)[:, None]
+    duration, nominal = float(np.sum(times[steady])), float(steady.sum()) * step_time
+    way, planned_way = float(np.sum(made[steady] * ahead)), float(np.sum(lengths[steady]))
+    turn, planned_turn = float(np.sum(turned[steady])), float(np.sum(turns[steady]))
+    return way / duration, planned_way / nominal, turn / duration, planned_turn / nominal
+
+
+def _between_tracks(steps: np.ndarray) -> np.ndarray:
+    """Differences of successive footsteps as those of the line midway between the two tracks."""
+    return (steps[:-2] + 2 * steps[1:-1] + steps[2:]) / 4
 
 
 def _wrapped(angle: np.ndarray) -> np.ndarray:

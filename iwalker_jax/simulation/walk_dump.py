@@ -44,7 +44,10 @@ def _trace(walker: Walker, conditions: Conditions, plan: FootstepPlan, state: Wa
 
 
 def retrace(walker: Walker, broken: BrokenRow) -> TickStates:
-    """The last states up to the tick that broke, walked again from the row's start state."""
+    """The last states up to the tick that broke, walked again from the row's start state.
+
+    A robot walked alone is another program than a batch: the states agree with the batch's up to rounding.
+    """
     traced = _trace(walker, broken.conditions, broken.plan, broken.state, broken.ticks)
     qpos, qvel, torques, frozen = (np.asarray(part) for part in traced)
     end = int(np.argmax(frozen)) + 1 if frozen.any() else broken.ticks

@@ -1,0 +1,76 @@
+"""The walking commands run in this process: what they print and leave, and one sentence for bad input."""
+
+import csv
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from experiments import walk, walk_study
+from experiments.console import console
+from iwalker_jax.simulation.walk_setup import Disturbances, Motion
+from tests.experiments.commands import fails_with_one_sentence
+
+
+def test_a_walk_leaves_figures_pictures_and_records(tmp_path):
+    options = ["--motion", "in_place", "--seconds", "1", "--robots", "2", "--no-video", "--out", str(tmp_path)]
+    with console.capture() as printed:
+        assert walk.main(options) == 0
+    text = printed.get()
+    for words in ("Footstep error", "COM error", "Heading error", "Torque peak", "Falls", "robot-seconds a second"):
+        assert words in text
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["figures"]["falls"] == 0
+    assert [robot["steps"] for robot in summary["robots"]] == [4, 4]
+    assert 0 < summary["figures"]["torque peak %"] <= 100
+    with np.load(tmp_path / "samples.npz") as record:
+        assert record["qpos"].shape[0] == 2 and np.isfinite(record["qpos"]).all()
+        assert np.all((record["met_friction"] >= 0.5) & (record["met_friction"] <= 1.0))
+    for name in ("walk.png", "traces.png"):
+        assert cv2.imread(str(tmp_path / name)).std() > 5
+
+
+def test_a_study_writes_a_row_a_case(tmp_path, monkeypatch):
+    cases = [
+        walk_study.Case("stand", Motion("stand", seconds=1.0)),
+        walk_study.Case("pushed", Motion("in_place", seconds=1.0), Disturbances(push_impulse=0.5), many=True),
+    ]
+    monkeypatch.setattr(walk_study, "SUITES", {"small": lambda: cases})
+    monkeypatch.setattr(walk_study, "_ROWS", 64)
+    options = ["--suites", "small", "--seeds", "2", "--trials", "3", "--out", str(tmp_path)]
+    assert walk_study.main(options) == 0
+    with (tmp_path / "walk_study.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["case"], float(row["robots"]), float(row["falls"])) for row in rows] == [
+        ("stand", 2, 0),
+        ("pushed", 3, 0),
+    ]
+    assert "falls: walks that ended in a fall" in (tmp_path / "walk_study.md").read_text()
+
+
+def test_the_study_asks_for_what_it_says():
+    names = [(suite, case.name) for suite, case in walk_study.cases_of("nominal, pushes,robust,limits")]
+    assert len(names) == len(set(names)) == 14 + 4 + 3 + 6
+    assert ("nominal", "S-curve 3 m, 6 cm steps") in names and ("pushes", "push y 1 N s") in names
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--speed", "7"], "speed"),
+        (["--robots", "0"], "at least 1 robot"),
+        (["--footsteps", "missing.csv"], "cannot be read"),
+        (["--footsteps", "a.csv", "--path", "b.csv"], "choose one"),
+        (["--friction", "1", "0.5"], "smaller first"),
+        (["--motion", "path"], "give a file"),
+        (["--devices", "99"], "devices"),
+    ],
+)
+def test_bad_options_are_one_sentence(tmp_path, capsys, options, words):
+    assert words in fails_with_one_sentence(lambda: walk.main([*options, "--out", str(tmp_path)]), capsys)
+
+
+def test_bad_suites_are_one_sentence(tmp_path, capsys):
+    sentence = fails_with_one_sentence(lambda: walk_study.main(["--suites", "fast", "--out", str(tmp_path)]), capsys)
+    assert "nominal, pushes, robust, limits" in sentence
