@@ -22,6 +22,7 @@ import tyro
 
 from experiments.console import console, exit_with, progress_bar, say
 from experiments.walk_output import film, print_figures, push_forces, save_figures, save_pictures
+from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walk_metrics import robot_rows, walk_metrics, walk_record
 from iwalker_jax.simulation.mujoco_walking import roll_out_mujoco
@@ -63,7 +64,7 @@ class Command:
         friction: least and largest coefficient of the floor.
         mass: largest relative change of all masses.
         delay: least and largest delay of the torques, in ticks of 2 ms.
-        push_impulse: [N s] of a push of 0.1 s and random sign while walking.
+        push_impulse: [N s] of a push of 0.1 s and random sign, halfway.
         push_axis: its axis.
         out: folder for pictures, video and figures.
         video: film the first robot.
@@ -108,6 +109,13 @@ def motion_of(command: Command) -> Motion:
     return Motion(kind, file=file, **{name: getattr(command, name) for name in shared})
 
 
+def halfway(walk: Walk, gait: GaitParameters) -> float:
+    """[s] when half of the footsteps should have been made; of a robot that stands, half of its time."""
+    steps = int(walk.plan.count)
+    start = gait.stand_time + gait.shift_time + gait.settle_time
+    return start + steps // 2 * float(gait.hlip.step_time) if steps else walk.seconds / 2
+
+
 def simulate(
     command: Command, walker: Walker, model: mujoco.MjModel, walk: Walk, conditions: Conditions
 ) -> BatchResult:
@@ -142,6 +150,7 @@ def main(arguments: list[str] | None = None) -> int:
             mass=command.mass,
             push_impulse=command.push_impulse,
             push_axis=command.push_axis,
+            push_after=halfway(walk, gait),
             delay=command.delay,
         )
         conditions = sample_conditions(walker.robot, disturbances, command.robots, command.seed, step_time)

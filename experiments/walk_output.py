@@ -44,7 +44,7 @@ def print_figures(metrics: list[WalkMetrics], result: BatchResult) -> dict[str, 
     if row["velocity RMS cm/s"] > 0.01:
         say(f"COM velocity     estimated to {row['velocity RMS cm/s']:.2f} cm/s RMS")
     say(f"Falls            {row['falls']:.0f} of {len(metrics)}")
-    compiled = f"; compiled in {result.compile_seconds:.0f} s" if result.compile_seconds else ""
+    compiled = f"; started in {result.compile_seconds:.0f} s, compilation included" if result.compile_seconds else ""
     say(f"Simulation       {result.robot_seconds_per_second:.1f} robot-seconds a second{compiled}")
     return row
 

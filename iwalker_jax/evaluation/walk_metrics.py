@@ -72,7 +72,7 @@ def find_landings(sample: Sample, plan: FootstepPlan) -> Landings:
     """Touchdowns of one robot: where the step clock advances, its foot read 40 ms later."""
     count, first = int(plan.count), int(plan.first_swing)
     index, times, feet = np.full(count, -1), np.full(count, np.nan), np.full((count, 3), np.nan)
-    later = _interval(sample)
+    later = max(round(_AT_REST / _spacing(sample)), 1)
     for at in np.flatnonzero(np.diff(sample.step) > 0) + 1:
         row, rest = int(sample.step[at]) - 1, at + later
         if row >= count or rest >= len(sample.step) or sample.fallen[rest]:
@@ -83,9 +83,9 @@ def find_landings(sample: Sample, plan: FootstepPlan) -> Landings:
     return Landings(index, times, feet)
 
 
-def _interval(sample: Sample) -> int:
-    """Samples from touchdown until the foot is read."""
-    return max(round(_AT_REST / float(np.median(np.diff(sample.time)))), 1)
+def _spacing(sample: Sample) -> float:
+    """[s] between two records; the C engine's clock stands still for a robot that lies."""
+    return float(np.max(np.diff(sample.time)))
 
 
 def walk_metrics(
@@ -114,7 +114,7 @@ def walk_metrics(
     torques = sample.torques[up] if up.any() else np.full_like(sample.torques[:1], np.nan)
     return WalkMetrics(
         fallen=bool(sample.fallen[-1]),
-        seconds=float(np.sum(up) * np.median(np.diff(sample.time))),
+        seconds=float(np.sum(up)) * _spacing(sample),
         steps=int(made.sum()),
         planned=count,
         speed=speed,
@@ -193,7 +193,7 @@ def walk_record(
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
     record = {name: np.asarray(leaf) for name, leaf in sample._asdict().items()}
     return WalkRecord(
-        time=record["time"],
+        time=record["time"][0] + _spacing(sample) * np.arange(len(record["time"])),
         com=record["com"],
         com_velocity=record["com_velocity"],
         base_rpy=np.stack([roll, pitch, record["heading"]], axis=1),

@@ -44,7 +44,7 @@ class BatchResult(NamedTuple):
     Attributes:
         sample: NumPy record, (batch, time, ...).
         seconds: wall time of the run, compilation left out [s].
-        compile_seconds: wall time of the compilation, 0 if the program was ready [s].
+        compile_seconds: wall time of compiling and of placing the robots [s].
         broken: robots that turned non-finite.
     """
 
@@ -117,8 +117,8 @@ class WalkProgram:
             plan = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (robots, *leaf.shape)), plan)
         interval = self.walker.controller.time_step * self.every
         wanted = max(round(seconds / interval), 1)
-        groups = [self._group(conditions, plan, first) for first in range(0, robots, self.width)]
         began = time.perf_counter()
+        groups = [self._group(conditions, plan, first) for first in range(0, robots, self.width)]
         compiled = self._compile(groups[0])
         compile_seconds, began = time.perf_counter() - began, time.perf_counter()
         records: list[Sample] = []

@@ -101,6 +101,7 @@ def test_nothing_counts_after_a_fall():
     plan = straight_plan(10, 0.04)
     sample = walk_of(plan, fall=12 * 5 + 1)  # before the fifth foot rests
     sample.torques[-1] = 99.0
+    sample.time[62:] = sample.time[61]  # as in the C engine
     sample.believed_velocity[-1] = np.nan
     m = walk_metrics(sample, plan, LIMITS, STEP_TIME)
     assert m.fallen and m.steps == 4
@@ -122,11 +123,14 @@ def test_a_robot_that_stands_or_breaks_at_once_has_no_figures():
 def test_the_record_tells_roll_and_pitch_and_times_every_footstep():
     plan = straight_plan(6, 0.04)
     sample = walk_of(plan, fall=12 * 3 + 1)
+    clock = sample.time.copy()
+    sample.time[40:] = sample.time[39]
     half = np.radians(10.0) / 2
     sample.qpos[:, 3:7] = np.cos(half), 0.0, np.sin(half), 0.0
     record = walk_record(sample, plan, LIMITS, STEP_TIME, commanded_speed=0.15)
     np.testing.assert_allclose(np.degrees(record.base_rpy[0, :2]), [0.0, 10.0], atol=1e-9)
     np.testing.assert_allclose(record.planned.times, STEP_TIME * np.arange(1, 7), atol=1e-9)
+    np.testing.assert_allclose(record.time, clock, atol=1e-9)
     assert np.isnan(record.actual[2:]).all() and np.isfinite(record.actual[:2]).all()
     assert list(record.planned.sides) == [1, -1] * 3
 
