@@ -5,8 +5,10 @@ from pathlib import Path
 import pytest
 
 from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.simulation.headless import configure_rendering
 
 configure_runtime(host_devices=2)
+configure_rendering()
 
 import jax  # noqa: E402
 

@@ -130,7 +130,8 @@ def whole_body_program(
     pyramid = pyramid.at[4, 2].set(1.0)
     friction = jnp.kron(jnp.eye(contacts, dtype=dtype), pyramid)
     friction = jnp.concatenate([jnp.zeros((FRICTION_ROWS * contacts, legs), dtype), friction], axis=1)
-    infinite = jnp.full((contacts, 4), jnp.inf, dtype)
+    # A swing contact's rows are all equalities with zero, so its multipliers never hover about a change of sides.
+    infinite = jnp.where(carrying[:, None] > 0, jnp.inf, jnp.zeros((contacts, 4), dtype))
     low = jnp.concatenate([jnp.zeros_like(infinite), (parameters.least_force * carrying)[:, None]], axis=1).reshape(-1)
     high = jnp.concatenate([infinite, (parameters.largest_force * carrying)[:, None]], axis=1).reshape(-1)
 

@@ -1,6 +1,6 @@
 """The same walk on C MuJoCo: the JAX mind of `walking` decides for a few robots at once, the C engine moves each."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -41,11 +41,9 @@ def roll_out_mujoco(
     count = conditions.friction.shape[0]
     plan_axis = 0 if plan.yaws.ndim == 2 else None
     think = jax.jit(jax.vmap(_think, in_axes=(None, 0, plan_axis, 0, 0)))
-    robots = [
-        _Robot(model, jax.tree.map(lambda leaf, k=k: leaf[k], conditions._replace(key=None))) for k in range(count)
-    ]
+    robots = [_Robot(model, jax.tree.map(lambda leaf, k=k: leaf[k], conditions)) for k in range(count)]
     mind = jax.jit(jax.vmap(start_mind, in_axes=(None, 0)))(walker, conditions)
-    records: list[Sample] = []
+    records: list[Any] = []
     for tick in range(samples * every):
         felt_now = jax.tree.map(lambda *parts: np.stack(parts), *(robot.feel() for robot in robots))
         mind, action, sample = think(walker, conditions, plan, mind, felt_now)
@@ -65,12 +63,12 @@ def roll_out_mujoco(
 class _Feeling(NamedTuple):
     """What the engine says of one robot before a tick; arrays of its float type."""
 
-    time: np.ndarray
-    qpos: np.ndarray
-    qvel: np.ndarray
-    forces: np.ndarray
-    specific_force: np.ndarray
-    fallen: np.ndarray
+    time: Any
+    qpos: Any
+    qvel: Any
+    forces: Any
+    specific_force: Any
+    fallen: Any
 
 
 def _think(
@@ -116,8 +114,10 @@ class _Robot:
                     forces[self.points[geom]] += sign * world
         acceleration = np.zeros(6)
         mujoco.mj_objectAcceleration(self.model, data, mujoco.mjtObj.mjOBJ_SITE, self.imu, acceleration, True)
-        parts = (data.time, data.qpos, data.qvel, forces, acceleration[3:])
-        return _Feeling(*(np.array(part, self.dtype) for part in parts), fallen=np.array(self.fallen))
+        time, qpos, qvel, force, specific = (
+            np.array(part, self.dtype) for part in (data.time, data.qpos, data.qvel, forces, acceleration[3:])
+        )
+        return _Feeling(time, qpos, qvel, force, specific, np.array(self.fallen))
 
     def move(self, torques: np.ndarray, push: np.ndarray, fallen: bool) -> None:
         """One physics step, unless the robot lies."""

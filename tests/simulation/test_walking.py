@@ -100,6 +100,6 @@ def test_c_mujoco_walks_alike(walker, model, walk, plan):
     ours = walk(conditions)
     theirs = roll_out_mujoco(walker, model, conditions, plan, 100, EVERY)
     assert not theirs.fallen.any()
-    # Standing and shifting are stable, so both engines agree closely; walking amplifies rounding, then feedback holds it.
+    # Standing is stable, so both engines agree closely; walking amplifies rounding until feedback holds it.
     np.testing.assert_allclose(theirs.com[:, :40], np.asarray(ours.com)[:, :40], atol=1e-4)
     np.testing.assert_allclose(theirs.com[:, :100], np.asarray(ours.com)[:, :100], atol=5e-3)
