@@ -7,29 +7,43 @@ damper b from solref. MuJoCo documentation, "Computation", section "Constraint m
 
 import jax.numpy as jnp
 import mujoco
+import numpy as np
 from jaxtyping import Array, Float
 from mujoco import mjx
 
 from iwalker_jax.robot.contact_solver import ContactProblem
+from iwalker_jax.robot.dynamics import SmoothStages
 from iwalker_jax.robot.model import RobotModel
 
 _LEAST = float(mujoco.mjMINVAL)
 
 
-def contact_problem(robot: RobotModel, data: mjx.Data, force: Float[Array, " nv"]) -> ContactProblem:
-    """The contact problem of data whose smooth stages and collisions are done, with smooth forces `force`."""
-    return ContactProblem(data._impl.M, force, *_limit_rows(robot, data), *_contact_rows(robot, data))
+def find_contacts(robot: RobotModel, data: SmoothStages) -> mjx.Contact:
+    """MJX's contacts of the geoms that can touch something."""
+    model, ids = robot.model, robot.skeleton.geom_ids
+    places = np.zeros(model.ngeom, int)
+    places[list(ids)] = range(len(ids))
+    placed = mjx.make_data(model, impl="jax").replace(
+        geom_xpos=data.geom_positions[places], geom_xmat=data.geom_rotations[places]
+    )
+    return mjx.collision(model, placed)._impl.contact
 
 
-def pyramid_edges(data: mjx.Data) -> Float[Array, "contacts 4 3"]:
+def contact_problem(
+    robot: RobotModel, data: SmoothStages, contact: mjx.Contact, force: Float[Array, " nv"]
+) -> ContactProblem:
+    """The contact problem at a state with smooth forces `force`."""
+    return ContactProblem(data.mass_matrix, force, *_limit_rows(robot, data), *_contact_rows(robot, data, contact))
+
+
+def pyramid_edges(contact: mjx.Contact) -> Float[Array, "contacts 4 3"]:
     """Edges n + mu t, n - mu t of each contact's friction pyramid in its two tangents; world axes."""
-    contact = data._impl.contact
     normal, tangents = contact.frame[:, 0], contact.frame[:, 1:]
     sides = contact.friction[:, :2, None] * tangents
     return normal[:, None] + jnp.stack([sides[:, 0], -sides[:, 0], sides[:, 1], -sides[:, 1]], axis=1)
 
 
-def _limit_rows(robot: RobotModel, data: mjx.Data) -> tuple[Array, Array, Array]:
+def _limit_rows(robot: RobotModel, data: SmoothStages) -> tuple[Array, Array, Array]:
     """Signs, stiffness and reference of the joints' limits."""
     model = robot.model
     position, velocity, joints = data.qpos[7:], data.qvel[6:], slice(1, None)
@@ -43,16 +57,16 @@ def _limit_rows(robot: RobotModel, data: mjx.Data) -> tuple[Array, Array, Array]
     return signs, jnp.where(met, stiffness, 0), -damper * signs * velocity - spring * distance
 
 
-def _contact_rows(robot: RobotModel, data: mjx.Data) -> tuple[Array, Array, Array]:
+def _contact_rows(robot: RobotModel, data: SmoothStages, contact: mjx.Contact) -> tuple[Array, Array, Array]:
     """Jacobian, stiffness and reference of the contacts' pyramid edges; every contact has one body of the world's."""
-    model, contact = robot.model, data._impl.contact
-    bodies = jnp.asarray([body for body, _ in robot.contact_bodies])
+    model, skeleton = robot.model, robot.skeleton
+    bodies = np.asarray([body for body, _ in robot.contact_bodies])
     sides = jnp.asarray([side for _, side in robot.contact_bodies], contact.pos.dtype)
-    edges = sides[:, None, None] * pyramid_edges(data)
-    arms = (contact.pos - data.subtree_com[robot.base])[:, None]
+    edges = sides[:, None, None] * pyramid_edges(contact)
+    arms = (contact.pos - data.base_position)[:, None]
     wrenches = jnp.concatenate([jnp.cross(arms, edges), edges], axis=-1)
-    chains = jnp.repeat(robot.body_chains[bodies], 4, axis=0)
-    rows = (wrenches.reshape(-1, 6) @ data.cdof.T) * chains
+    chains = jnp.stack([skeleton.chains[skeleton.body_ids.index(body)] for body in bodies])
+    rows = (wrenches.reshape(-1, 6) @ data.axes.T) * jnp.repeat(chains, 4, axis=0)
     distance = contact.dist - contact.includemargin
     friction = contact.friction[:, 0] ** 2
     # All edges share the regularisation of the first.

@@ -16,13 +16,15 @@ from mujoco import mjx
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.robot.limbs import Limbs
+from iwalker_jax.robot.skeleton import Skeleton, load_skeleton
 from iwalker_jax.robot.structure import (
-    body_chains,
     contact_bodies,
+    contact_pairs,
     limb_pattern,
     motor_limits,
     motor_moments,
     tendon_moments,
+    touching_geoms,
 )
 from iwalker_jax.robot.support import check_supported
 
@@ -46,11 +48,9 @@ class RobotModel:
         motor_moments: (nu, nv) generalised force of a unit motor torque.
         motor_limits: (nu, 2) least and largest motor torque [N m].
         tendon_moments: (nt, nv) rate of each tendon's length by velocity.
-        foot_chains: (2, nv) 1 for the velocities that move the right and the left foot, else 0.
-        body_chains: (nbody, nv) the same for every body.
+        skeleton: constants of the kinematics.
         home: (nq,) positions of the first keyframe, or the model's reference.
         base, foot_bodies: bodies.
-        imu, contact_sites, foot_sites: sites, in the order of the module's constants.
         contact_geoms: geoms of the contact points.
         contact_bodies: of each possible contact the body that moves, and 1 if the normal points to it, else -1.
         limbs: the pattern of the mass matrix.
@@ -63,14 +63,10 @@ class RobotModel:
     motor_moments: Float[Array, "nu nv"]
     motor_limits: Float[Array, "nu 2"]
     tendon_moments: Float[Array, "nt nv"]
-    foot_chains: Float[Array, "2 nv"]
-    body_chains: Float[Array, "nbody nv"]
+    skeleton: Skeleton
     home: Float[Array, " nq"]
     base: int = field(metadata={"static": True})
     foot_bodies: tuple[int, ...] = field(metadata={"static": True})
-    imu: int = field(metadata={"static": True})
-    contact_sites: tuple[int, ...] = field(metadata={"static": True})
-    foot_sites: tuple[int, ...] = field(metadata={"static": True})
     contact_geoms: tuple[int, ...] = field(metadata={"static": True})
     contact_bodies: tuple[tuple[int, int], ...] = field(metadata={"static": True})
     limbs: Limbs = field(metadata={"static": True})
@@ -105,22 +101,18 @@ def load_robot(source: mujoco.MjModel | str | PathLike) -> RobotModel:
     base = int(model.jnt_bodyid[0])
     if model.site_bodyid[imu] != base:
         raise InputError("Site 'imu' is not on the floating base; move it there.")
-    chains = body_chains(model)
     device_model = mjx.put_model(model, impl="jax")
-    touching = contact_bodies(model, device_model)
+    pairs = contact_pairs(model, device_model)
+    touching = contact_bodies(model, pairs)
     return RobotModel(
         model=device_model,
         motor_moments=jnp.asarray(moments),
         motor_limits=jnp.asarray(motor_limits(model)),
         tendon_moments=jnp.asarray(tendon_moments(model)),
-        foot_chains=jnp.asarray(chains[list(foot_bodies)]),
-        body_chains=jnp.asarray(chains),
+        skeleton=load_skeleton(model, (*contact_sites, *foot_sites, imu), touching_geoms(pairs)),
         home=jnp.asarray(model.key_qpos[0] if model.nkey else model.qpos0),
         base=base,
         foot_bodies=foot_bodies,
-        imu=imu,
-        contact_sites=contact_sites,
-        foot_sites=foot_sites,
         contact_geoms=tuple(_geom_index(model, name) for name in CONTACT_POINTS),
         contact_bodies=touching,
         limbs=limb_pattern(model, [body for body, _ in touching]),

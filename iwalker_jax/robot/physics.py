@@ -1,6 +1,6 @@
-"""One step of the robot's physics: MJX's stages with a contact solver of our own; values equal `mjx.step`.
+"""One step of the robot's physics: MJX's collisions, our dynamics and contact solver; values equal `mjx.step`.
 
-A step comes in two halves so that a controller can use the kinematics in between: `smooth_stages` (rigid_body.py) of
+A step comes in two halves so that a controller can use the kinematics in between: `smooth_stages` (dynamics.py) of
 the state, then `complete_step` with the motor torques. Everything is differentiable in both modes; derivatives are
 those of the converged contact problem (contact_solver.py) and jump only where a contact or a joint limit opens or
 closes.
@@ -12,11 +12,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 from mujoco import mjx
 
-from iwalker_jax.robot.constraints import contact_problem, pyramid_edges
+from iwalker_jax.robot.constraints import contact_problem, find_contacts, pyramid_edges
 from iwalker_jax.robot.contact_solver import ContactSolver, row_forces, solve_contact
+from iwalker_jax.robot.dynamics import SmoothStages, point_velocity, smooth_stages
 from iwalker_jax.robot.limbs import solve_symmetric
 from iwalker_jax.robot.model import RobotModel
-from iwalker_jax.robot.rigid_body import smooth_stages
 
 
 class PhysicsState(NamedTuple):
@@ -80,7 +80,7 @@ def physics_step(
 def complete_step(
     robot: RobotModel,
     state: PhysicsState,
-    data: mjx.Data,
+    data: SmoothStages,
     torques: Float[Array, " nu"],
     external_force: Float[Array, "6"] | None = None,
     solver: ContactSolver = ContactSolver(),
@@ -94,13 +94,13 @@ def complete_step(
         external_force: (6,) force [N] and torque [N m] on the torso at its COM, world frame; none by default.
         solver: settings of the contact solver.
     """
-    data = mjx.collision(robot.model, data)
     motors = jnp.clip(torques, robot.motor_limits[:, 0], robot.motor_limits[:, 1])
     damping = robot.model.dof_damping
-    force = robot.motor_moments.T @ motors - data.qfrc_bias - damping * data.qvel
+    force = robot.motor_moments.T @ motors - data.bias - damping * data.qvel
     if external_force is not None:
-        force = force.at[:6].add(_base_force(robot, data, external_force))
-    problem = contact_problem(robot, data, force)
+        force = force.at[:6].add(_base_force(data, external_force))
+    contact = find_contacts(robot, data)
+    problem = contact_problem(robot, data, contact, force)
     solution = solve_contact(robot.limbs, solver, problem, state.warmstart)
     acceleration = mean_acceleration = solution.acceleration
     if robot.damped:
@@ -111,7 +111,7 @@ def complete_step(
         )
     qvel = state.qvel + robot.time_step * mean_acceleration
     qpos = _integrate(data.qpos, qvel, robot.time_step)
-    forces, distances = _contact_forces(robot, data, row_forces(problem, acceleration))
+    forces, distances = _contact_forces(robot, contact, row_forces(problem, acceleration))
     gyro, accelerometer = _imu(robot, data, acceleration)
     info = PhysicsInfo(
         acceleration,
@@ -126,11 +126,10 @@ def complete_step(
     return PhysicsState(qpos, qvel, acceleration, state.time + robot.time_step), info
 
 
-def _base_force(robot: RobotModel, data: mjx.Data, wrench: Float[Array, "6"]) -> Float[Array, "6"]:
+def _base_force(data: SmoothStages, wrench: Float[Array, "6"]) -> Float[Array, "6"]:
     """Generalised force on the base's velocities of a force and torque at the torso's COM, world frame."""
-    offset = data.xipos[robot.base] - data.subtree_com[robot.base]
-    force, torque = wrench[:3], wrench[3:] + jnp.cross(offset, wrench[:3])
-    return data.cdof[:6, 3:] @ force + data.cdof[:6, :3] @ torque
+    force, torque = wrench[:3], wrench[3:] + jnp.cross(data.torso_com - data.base_position, wrench[:3])
+    return data.axes[:6, 3:] @ force + data.axes[:6, :3] @ torque
 
 
 def _integrate(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], time_step: float) -> Float[Array, " nq"]:
@@ -149,11 +148,10 @@ def _integrate(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], time_step: 
 
 
 def _contact_forces(
-    robot: RobotModel, data: mjx.Data, row_forces: Float[Array, " m"]
+    robot: RobotModel, contact: mjx.Contact, row_forces: Float[Array, " m"]
 ) -> tuple[Float[Array, "4 3"], Float[Array, "4"]]:
     """World-frame force on each contact point, and its distance to the nearest geom it can touch."""
-    contact = data._impl.contact
-    world = jnp.sum(row_forces.reshape(-1, 4, 1) * pyramid_edges(data), axis=1)
+    world = jnp.sum(row_forces.reshape(-1, 4, 1) * pyramid_edges(contact), axis=1)
     points = jnp.asarray(robot.contact_geoms)[:, None]
     # A contact's normal points from its first geom to its second, and the force acts on the second.
     second, first = contact.geom2 == points, contact.geom1 == points
@@ -161,11 +159,10 @@ def _contact_forces(
     return forces, jnp.min(jnp.where(first | second, contact.dist, jnp.inf), axis=1)
 
 
-def _imu(robot: RobotModel, data: mjx.Data, acceleration: Float[Array, " nv"]) -> tuple[Array, Array]:
+def _imu(robot: RobotModel, data: SmoothStages, acceleration: Float[Array, " nv"]) -> tuple[Array, Array]:
     """Gyroscope and accelerometer readings in the IMU frame."""
-    rotation, velocity = data.site_xmat[robot.imu], data.cvel[robot.base]
-    spatial = data.cdof_dot[:6].T @ data.qvel[:6] + data.cdof[:6].T @ acceleration[:6]
-    offset = data.site_xpos[robot.imu] - data.subtree_com[robot.base]
-    point_velocity = velocity[3:] + jnp.cross(velocity[:3], offset)
-    point = spatial[3:] + jnp.cross(spatial[:3], offset) + jnp.cross(velocity[:3], point_velocity)
-    return rotation.T @ velocity[:3], rotation.T @ (point - robot.model.opt.gravity)
+    rotation, arm = data.site_rotations[6], data.site_positions[6] - data.base_position
+    motion = data.qvel[:6] @ data.axes[:6]
+    change = jnp.sum(data.drifts[:6], axis=0) + acceleration[:6] @ data.axes[:6]
+    point = point_velocity(change, arm) + jnp.cross(motion[:3], point_velocity(motion, arm))
+    return rotation.T @ motion[:3], rotation.T @ (point - robot.model.opt.gravity)

@@ -46,31 +46,30 @@ def motor_limits(model: mujoco.MjModel) -> Float[np.ndarray, "nu 2"]:
     return limits
 
 
-def body_chains(model: mujoco.MjModel) -> Float[np.ndarray, "nbody nv"]:
-    """1 where a velocity moves a body, else 0."""
-    chains = np.zeros((model.nbody, model.nv))
-    for body in range(1, model.nbody):
-        chains[body] = chains[model.body_parentid[body]]
-        first, count = model.body_dofadr[body], model.body_dofnum[body]
-        chains[body, first : first + count] = 1
-    return chains
-
-
-def contact_bodies(model: mujoco.MjModel, device_model: mjx.Model) -> tuple[tuple[int, int], ...]:
-    """Of each contact that MJX considers, in its order, the body that moves and 1 if the normal points to it, else -1.
+def contact_pairs(model: mujoco.MjModel, device_model: mjx.Model) -> tuple[tuple[int, int], ...]:
+    """Both geoms of each contact that MJX considers, in its order; the contact's normal points to the second.
 
     Raises:
-        InputError: nothing can touch, a contact has no or other friction than sliding, or two moving bodies can touch.
+        InputError: nothing can touch, or a contact has no or other friction than sliding.
     """
     data = mjx.make_data(device_model, impl="jax")
     if data._impl.ncon == 0 or any(data._impl.contact.dim != 3):
         raise InputError("The robot needs contacts, all with condim 3; give the feet's geoms and the floor condim 3.")
     if any(model.numeric(k).name in ("max_geom_pairs", "max_contact_points") for k in range(model.nnumeric)):
         raise InputError("The model limits MJX's contacts; remove max_geom_pairs and max_contact_points.")
-    pairs = np.asarray(jax.jit(lambda: mjx.collision(device_model, data)._impl.contact.geom)())
+    pairs = jax.jit(lambda: mjx.collision(device_model, data)._impl.contact.geom)()
+    return tuple((int(first), int(second)) for first, second in np.asarray(pairs))
+
+
+def contact_bodies(model: mujoco.MjModel, pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+    """Of each contact the body that moves, and 1 if the normal points to it, else -1.
+
+    Raises:
+        InputError: two moving bodies can touch.
+    """
     found = []
-    for first, second in pairs:
-        bodies = model.geom_bodyid[[first, second]]
+    for pair in pairs:
+        bodies = model.geom_bodyid[list(pair)]
         moving = model.body_weldid[bodies] != 0
         if all(moving):
             names = [model.body(body).name for body in bodies]
@@ -79,6 +78,11 @@ def contact_bodies(model: mujoco.MjModel, device_model: mjx.Model) -> tuple[tupl
             )
         found.append((int(bodies[1]), 1) if moving[1] else (int(bodies[0]), -1))
     return tuple(found)
+
+
+def touching_geoms(pairs: tuple[tuple[int, int], ...]) -> tuple[int, ...]:
+    """The geoms that can touch something, each once."""
+    return tuple(sorted({geom for pair in pairs for geom in pair}))
 
 
 def limb_pattern(model: mujoco.MjModel, touching: list[int]) -> Limbs:

@@ -122,19 +122,19 @@ def test_the_iteration_limit_shows_in_the_residual(problems):
 
 
 def test_gradients(problems):
-    """With respect to every continuous input; the symmetric part of the mass alone is an input."""
+    """With respect to every continuous input; of the mass its symmetric part within the pattern."""
     limited = [p for p in problems if jnp.any(limit_forces(p, solve(p, jnp.zeros(SIZE)).acceleration) != 0)]
     problem = limited[0]
 
-    def acceleration(mass, force, stiffness, reference, rows, limit_stiffness, limit_reference):
+    def acceleration(mass, force, scales, references, rows):
         changed = problem._replace(
-            mass=(mass + mass.T) / 2,
+            mass=problem.mass + (mass + mass.T) * pattern,
             force=force,
-            stiffness=problem.stiffness * stiffness,
-            reference=reference,
             rows=problem.rows * rows,
-            limit_stiffness=problem.limit_stiffness * limit_stiffness,
-            limit_reference=limit_reference,
+            stiffness=problem.stiffness * scales[:ROWS],
+            limit_stiffness=problem.limit_stiffness * scales[ROWS:],
+            reference=references[:ROWS],
+            limit_reference=references[ROWS:],
         )
         return solve(changed, jnp.zeros(SIZE)).acceleration
 
@@ -142,12 +142,10 @@ def test_gradients(problems):
     pattern = np.ones((SIZE, SIZE))
     pattern[6:, 6:] = limb_of[:, None] == limb_of[None]
     assert_gradients_agree(
-        lambda mass, *others: acceleration(problem.mass + mass * pattern, *others),
+        jax.jit(acceleration),
         jnp.zeros((SIZE, SIZE)),
         problem.force,
-        jnp.ones_like(problem.stiffness),
-        problem.reference,
+        jnp.ones(ROWS + SIZE - 6),
+        jnp.concatenate([problem.reference, problem.limit_reference]),
         jnp.ones_like(problem.rows),
-        jnp.ones_like(problem.limit_stiffness),
-        problem.limit_reference,
     )
