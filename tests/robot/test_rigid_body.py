@@ -1,12 +1,15 @@
 """Rigid-body terms against C MuJoCo; derivatives against central differences of C MuJoCo."""
 
+from xml.etree import ElementTree
+
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
 
-from iwalker_jax.robot.model import CONTACT_POINTS, FEET
+import bruce_model
+from iwalker_jax.robot.model import CONTACT_POINTS, FEET, load_robot
 from iwalker_jax.robot.rigid_body import rigid_body_terms
 
 compute = jax.jit(rigid_body_terms)
@@ -116,3 +119,32 @@ def test_derivatives_are_those_of_mujoco(bruce, robot64, x64, rng):
         numeric = (ahead[name] - behind[name]) / (2 * step)
         scale = max(1.0, np.abs(numeric).max())
         np.testing.assert_allclose(getattr(changed, name), numeric, atol=1e-7 * scale, err_msg=name)
+
+
+def rebuilt(text: str) -> str:
+    """The robot with both hip hinges on one body, the emptied body welded to it, and a hand welded to each forearm."""
+    root = ElementTree.fromstring(text)
+    for side in "rl":
+        outer, inner = (root.find(f".//body[@name='{name}_{side}']") for name in ("hip_pitch", "thigh"))
+        parent = root.find(f".//body[@name='hip_yaw_{side}']")
+        hinge = outer.find("joint")
+        outer.remove(hinge)
+        outer.remove(inner)
+        parent.remove(outer)
+        parent.append(inner)
+        inner.insert(0, hinge)
+        inner.append(outer)
+        hand = ElementTree.SubElement(root.find(f".//joint[@name='elbow_pitch_{side}']/.."), "body", pos="0 0 -0.1")
+        hand.set("euler", "0.3 0.2 0.1")
+        ElementTree.SubElement(hand, "inertial", pos="0.01 0 0", mass="0.05", diaginertia="1e-5 2e-5 2.5e-5")
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def test_bodies_with_several_or_no_joints(x64, rng):
+    model = mujoco.MjModel.from_xml_string(rebuilt(bruce_model.mjcf_text()))
+    robot = load_robot(model)
+    qpos, qvel = random_state(model, rng, 3.0)
+    terms = compute(robot, jnp.asarray(qpos), jnp.asarray(qvel))
+    for name, expected in mujoco_terms(model, qpos, qvel).items():
+        scale = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(getattr(terms, name), expected, atol=1e-10 * scale, err_msg=name)
