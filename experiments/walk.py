@@ -28,16 +28,8 @@ from iwalker_jax.evaluation.walk_metrics import robot_rows, walk_metrics, walk_r
 from iwalker_jax.simulation.mujoco_walking import roll_out_mujoco
 from iwalker_jax.simulation.walk_batch import BatchResult, WalkProgram
 from iwalker_jax.simulation.walk_dump import save_dump
-from iwalker_jax.simulation.walk_setup import (
-    Disturbances,
-    Motion,
-    MotionKind,
-    Sensors,
-    Walk,
-    default_walker,
-    make_walk,
-    sample_conditions,
-)
+from iwalker_jax.simulation.walk_motions import Motion, MotionKind, Walk, make_walk
+from iwalker_jax.simulation.walk_setup import Disturbances, Sensors, default_walker, sample_conditions
 from iwalker_jax.simulation.walking import Conditions, Walker
 
 _GRID = 16  # robots shown in the grid of traces
@@ -137,7 +129,7 @@ def simulate(
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     given = sys.argv[1:] if arguments is None else arguments
-    command = tyro.cli(Command, args=given, description=Command.__doc__)
+    command = tyro.cli(Command, args=given)
     try:
         if command.view and not has_screen():
             raise InputError("There is no screen for MuJoCo's viewer (DISPLAY is not set); leave --view out.")

@@ -16,8 +16,8 @@ from iwalker_jax.evaluation.walk_traces import save_trace_grid
 from iwalker_jax.simulation.filming import Overlays
 from iwalker_jax.simulation.video import show, write_video
 from iwalker_jax.simulation.walk_batch import BatchResult
+from iwalker_jax.simulation.walk_motions import Walk
 from iwalker_jax.simulation.walk_record import WalkRecord
-from iwalker_jax.simulation.walk_setup import Walk
 from iwalker_jax.simulation.walking import Conditions
 
 _ERRORS = (("footstep", "Footstep error", "cm"), ("COM", "COM error", "cm"), ("heading", "Heading error", "deg"))
@@ -26,14 +26,14 @@ _ERRORS = (("footstep", "Footstep error", "cm"), ("COM", "COM error", "cm"), ("h
 def print_figures(metrics: list[WalkMetrics], result: BatchResult) -> dict[str, float]:
     """Print the figures of all robots and return them by column title."""
     row = summarise(metrics)
-    planned = np.array([(m.planned_speed, np.degrees(m.planned_turn_rate)) for m in metrics])
-    speed, turn = _means(planned)
     off = f"off by {row['speed error %']:.1f} %"
-    if speed > 1e-3:
-        say(f"Speed            {row['speed m/s']:.3f} m/s of {speed:.3f} m/s planned, {off}")
-    elif abs(turn) > 0.1:
-        achieved = _means(np.degrees([[m.turn_rate] for m in metrics]))[0]
-        say(f"Turn rate        {achieved:.1f} deg/s of {turn:.1f} deg/s planned, {off}")
+    rates = np.array([(m.turn_rate, m.planned_turn_rate) for m in metrics if m.on_the_spot])
+    speeds = [m.planned_speed for m in metrics if m.planned_speed > 1e-3]
+    if len(rates):
+        turn, planned = np.degrees(rates).mean(axis=0)
+        say(f"Turn rate        {turn:.1f} deg/s of {planned:.1f} deg/s planned, {off}")
+    elif speeds:
+        say(f"Speed            {row['speed m/s']:.3f} m/s of {np.mean(speeds):.3f} m/s planned, {off}")
     for name, title, unit in _ERRORS:
         mean, largest = row[f"{name} mean {unit}"], row[f"{name} max {unit}"]
         if np.isfinite(mean):
@@ -44,14 +44,10 @@ def print_figures(metrics: list[WalkMetrics], result: BatchResult) -> dict[str, 
     if row["velocity RMS cm/s"] > 0.01:
         say(f"COM velocity     estimated to {row['velocity RMS cm/s']:.2f} cm/s RMS")
     say(f"Falls            {row['falls']:.0f} of {len(metrics)}")
-    compiled = f"; started in {result.compile_seconds:.0f} s, compilation included" if result.compile_seconds else ""
-    say(f"Simulation       {result.robot_seconds_per_second:.1f} robot-seconds a second{compiled}")
+    began = f"; {result.compile_seconds:.0f} s more to compile and start" if result.compile_seconds else ""
+    rate = result.robot_seconds_per_second
+    say(f"Simulation       {rate:.1f} robot-seconds a second{began or ', compilation included'}")
     return row
-
-
-def _means(columns: np.ndarray) -> list[float]:
-    """Mean of each column's finite values, 0 without any."""
-    return [float(c[np.isfinite(c)].mean()) if np.isfinite(c).any() else 0.0 for c in np.asarray(columns).T]
 
 
 def save_figures(

@@ -23,15 +23,8 @@ from iwalker_jax.evaluation.walk_metrics import robot_rows, walk_metrics
 from iwalker_jax.evaluation.walk_tables import WalkTable, legend, summarise
 from iwalker_jax.simulation.mujoco_walking import roll_out_mujoco
 from iwalker_jax.simulation.walk_batch import WalkProgram
-from iwalker_jax.simulation.walk_setup import (
-    Disturbances,
-    Motion,
-    Sensors,
-    Walk,
-    default_walker,
-    make_walk,
-    sample_conditions,
-)
+from iwalker_jax.simulation.walk_motions import Motion, Walk, make_walk
+from iwalker_jax.simulation.walk_setup import Disturbances, Sensors, default_walker, sample_conditions
 from iwalker_jax.simulation.walking import Conditions, Sample, Walker
 
 _EVERY = 10  # ticks between two records
@@ -185,17 +178,18 @@ def run_study(command: Command) -> WalkTable:
         row = measure(case, benches[case.sensors], engine, robots, command.seed)
         table = WalkTable((*table.rows, ((suite, case.name, engine), row)))
         table.save(command.out, "walk_study")
-        say(
-            f"{number}/{len(todo)} {suite}, {case.name}, {engine}: {row['falls']:.0f} of {robots} fell, "
-            f"footsteps off by {row['footstep mean cm']:.2f} cm ({time.perf_counter() - began:.0f} s)"
-        )
+        steps = row["footstep mean cm"]
+        off = f", footsteps off by {steps:.2f} cm" if np.isfinite(steps) else ""
+        took = time.perf_counter() - began
+        fell = f"{row['falls']:.0f} of {robots} fell"
+        say(f"{number}/{len(todo)} {suite}, {case.name}, {engine}: {fell}{off} ({took:.0f} s)")
     return table
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     given = sys.argv[1:] if arguments is None else arguments
-    command = tyro.cli(Command, args=given, description=Command.__doc__)
+    command = tyro.cli(Command, args=given)
     try:
         table = run_study(command)
     except (InputError, OSError) as error:

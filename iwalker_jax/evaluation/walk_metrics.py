@@ -11,6 +11,7 @@ from iwalker_jax.simulation.walk_record import TimedFootsteps, WalkRecord
 from iwalker_jax.simulation.walking import Sample
 
 _AT_REST = 0.04  # [s] after touchdown at which the landed foot is read
+_ARM = 0.05  # [m] from the robot's middle to a foot
 _STEADY = 0.95  # share of the longest planned advance from which a step counts as steady
 
 
@@ -61,6 +62,11 @@ class WalkMetrics:
     torque_shares: Float[np.ndarray, " nu"]
     qp_failures: int
     velocity_rms: float
+
+    @property
+    def on_the_spot(self) -> bool:
+        """Whether the plan turns the feet farther than it moves the robot, so that the turn rate is what counts."""
+        return _ARM * abs(self.planned_turn_rate) > self.planned_speed
 
 
 def robot_rows(sample: Sample, row: int) -> Sample:
@@ -142,7 +148,7 @@ def _rates(
     turns, turned = (_between_tracks(_wrapped(np.diff(each))) for each in (yaws, landed.feet[:, 2]))
     times = _between_tracks(np.diff(landed.times))
     lengths = np.linalg.norm(moves, axis=1)
-    pace = lengths if lengths.max() > 1e-6 else np.abs(turns)
+    pace = np.abs(turns) if _ARM * np.abs(turns).max() > lengths.max() else lengths
     steady = (pace >= _STEADY * pace.max()) & np.isfinite(made).all(axis=1)
     if not steady.any():
         return nothing
@@ -164,10 +170,10 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
 
 def speed_error(metrics: WalkMetrics) -> float:
     """Relative error of the speed [%], or of the turn rate where the plan only turns; NaN where it does neither."""
-    for achieved, planned in ((metrics.speed, metrics.planned_speed), (metrics.turn_rate, metrics.planned_turn_rate)):
-        if abs(planned) > 1e-3:
-            return 100.0 * (achieved - planned) / planned
-    return float("nan")
+    achieved, planned = metrics.speed, metrics.planned_speed
+    if metrics.on_the_spot:
+        achieved, planned = metrics.turn_rate, metrics.planned_turn_rate
+    return 100.0 * (achieved - planned) / planned if abs(planned) > 1e-3 else float("nan")
 
 
 def walk_record(

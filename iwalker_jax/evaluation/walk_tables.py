@@ -38,7 +38,7 @@ def summarise(metrics: Sequence[WalkMetrics]) -> dict[str, float]:
         "robots": float(len(metrics)),
         "falls": float(falls),
         "survived %": 100.0 * (len(metrics) - falls) / len(metrics),
-        "speed m/s": _mean([m.speed for m in metrics]),
+        "speed m/s": _mean([m.speed for m in metrics if not m.on_the_spot]),
         "speed error %": _mean(np.abs([speed_error(m) for m in metrics])),
         "footstep mean cm": _mean(steps),
         "footstep max cm": _max(steps),

