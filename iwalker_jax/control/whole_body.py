@@ -145,7 +145,7 @@ def whole_body_program(
         C=jnp.concatenate([friction, motors]),
         low=jnp.concatenate([low, -limit - offset]),
         high=jnp.concatenate([high, limit - offset]),
-        blocks=(("friction and contact force", FRICTION_ROWS * contacts), ("motor torque", legs)),
+        blocks=(("contact force", FRICTION_ROWS * contacts), ("torque", legs)),
     )
 
 

@@ -1,0 +1,120 @@
+"""Gradients of the closed loop (controller, QP and contact physics) against finite differences, and what they cost.
+
+python -m benchmarks.walking_gradients
+"""
+
+from iwalker_jax.runtime import configure_runtime
+
+if __name__ == "__main__":
+    configure_runtime()
+
+import time
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from bruce_model import load_mujoco
+from iwalker_jax.control.controller import make_controller
+from iwalker_jax.control.footstep_plan import FootstepPlan, make_plan, velocity_footsteps
+from iwalker_jax.optimization.qp_settings import QpSettings
+from iwalker_jax.robot.leg_kinematics import load_leg_kinematics
+from iwalker_jax.robot.model import load_robot
+from iwalker_jax.simulation.walking import Conditions, Walker, WalkState, start_walk, walk_tick
+
+_INTO_THE_WALK = 700  # ticks: 1.4 s, in the middle of the second step
+_STEP = 1e-6
+
+
+def setting() -> tuple[Walker, Conditions, FootstepPlan, WalkState]:
+    """A robot in mid-step, in double precision."""
+    model = load_mujoco()
+    robot = load_robot(model)
+    walker = Walker(robot, make_controller(robot, solver=QpSettings()), load_leg_kinematics(model))
+    one = jnp.ones(())
+    conditions = Conditions(
+        friction=0.8 * one,
+        mass_scale=one,
+        push_force=jnp.zeros(3),
+        push_start=100 * one,
+        push_time=0.1 * one,
+        delay=jnp.zeros((), jnp.int32),
+        qpos=robot.home,
+        qvel=jnp.zeros(22),
+        key=jax.random.key(0),
+    )
+    table = make_plan(*velocity_footsteps(0.15, 0.0, 0.0, 20, 0.24, 0.1, 1), 1)
+    plan = jax.tree.map(lambda leaf: leaf.astype(jnp.float64) if leaf.dtype == jnp.float32 else leaf, table)
+    state = jax.jit(start_walk)(walker, conditions)
+    forward = jax.jit(lambda w, c, p, s: jax.lax.fori_loop(0, _INTO_THE_WALK, lambda _, x: walk_tick(w, c, p, x)[0], s))
+    return walker, conditions, plan, forward(walker, conditions, plan, state)
+
+
+def main() -> int:
+    """Print a line for each number of ticks."""
+    with jax.enable_x64(True):
+        walker, conditions, plan, state = setting()
+        weights = jnp.asarray(np.random.default_rng(0).normal(size=23))
+
+        def outcome(ticks: int) -> Callable:
+            def value(inputs: dict[str, jax.Array]) -> jax.Array:
+                physics = state.physics._replace(
+                    qvel=state.physics.qvel + inputs["velocity"],
+                    qpos=state.physics.qpos.at[7:].add(inputs["joints"]),
+                )
+                moved_plan = plan._replace(positions=plan.positions + inputs["footsteps"])
+                varied = conditions._replace(mass_scale=1 + inputs["mass"])
+                start = state._replace(physics=physics)
+                end, _ = jax.lax.scan(
+                    lambda s, _: (jax.checkpoint(walk_tick)(walker, varied, moved_plan, s)[0], None),
+                    start,
+                    None,
+                    length=ticks,
+                )
+                return weights @ end.physics.qpos
+
+            return value
+
+        inputs = {
+            "velocity": jnp.zeros(22),
+            "joints": jnp.zeros(16),
+            "footsteps": jnp.zeros(plan.positions.shape),
+            "mass": jnp.zeros(()),
+        }
+        for ticks in (1, 10, 120):
+            report(outcome(ticks), inputs, ticks)
+    return 0
+
+
+def report(value: Callable, inputs: dict[str, jax.Array], ticks: int) -> None:
+    """Compare directional derivatives of one roll-out length."""
+    plain = jax.jit(value)
+    reverse = jax.jit(jax.value_and_grad(value))
+    forward = jax.jit(lambda x, d: jax.jvp(value, (x,), (d,))[1])
+    _, gradient = jax.block_until_ready(reverse(inputs))
+    rng = np.random.default_rng(1)
+    for name in inputs:
+        direction = {key: jnp.zeros(leaf.shape) for key, leaf in inputs.items()}
+        direction[name] = jnp.asarray(rng.normal(size=inputs[name].shape))
+        up, down = (plain(jax.tree.map(lambda x, d, s=sign: x + s * _STEP * d, inputs, direction)) for sign in (1, -1))
+        numeric = float(up - down) / (2 * _STEP)
+        backward = float(sum(jnp.vdot(gradient[key], direction[key]) for key in inputs))
+        along = float(forward(inputs, direction))
+        scale = max(abs(numeric), 1e-9)
+        errors = [abs(x - numeric) / scale for x in (backward, along)]
+        print(
+            f"{ticks:4d} ticks, {name:10s} differences {numeric:+.6e}, "
+            f"reverse off by {errors[0]:.1e}, forward off by {errors[1]:.1e}",
+            flush=True,
+        )
+    times = []
+    for function in (plain, reverse):
+        begin = time.perf_counter()
+        jax.block_until_ready(function(inputs))
+        times.append(time.perf_counter() - begin)
+    print(f"{ticks:4d} ticks: value {1e3 * times[0]:.1f} ms, value and gradient {1e3 * times[1]:.1f} ms", flush=True)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
