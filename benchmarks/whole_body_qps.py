@@ -1,65 +1,202 @@
-"""Log the whole-body QPs of pushed walks, tick by tick, for `benchmarks.qp --file`.
+"""Whole-body QPs of a small walking humanoid in NumPy, without a physics engine: sequences for judging QP solvers.
 
-python -m benchmarks.whole_body_qps --out runs/whole_body_qps.npz
+Legs of point masses, BRUCE-like sizes and weights, a line foot with two contact points, friction pyramids. The state
+follows a sinusoidal gait, so that consecutive problems differ little; contacts switch and pushes make them jump.
 """
 
-from iwalker_jax.runtime import configure_runtime
+from typing import NamedTuple
 
-if __name__ == "__main__":
-    configure_runtime()
+import numpy as np
 
-import argparse
-from pathlib import Path
-
-import jax
-import jax.numpy as jnp
-
-from iwalker_jax.control.footstep_plan import make_plan, velocity_footsteps
-from iwalker_jax.optimization.qp_problem import QuadraticProgram
-from iwalker_jax.simulation.walk_setup import Disturbances, default_walker, sample_conditions
-from iwalker_jax.simulation.walking import Conditions, WalkState, decide, start_walk, walk_tick
-
-_ROBOTS = 16
-_BEFORE, _LOGGED = 2000, 640  # ticks: the pushes fall into the logged part
+STEP_TIME = 0.24  # [s]
+TICK = 0.002  # [s]
+_MASSES = ((0.0, 0.0, -0.1, 0.5), (0.0, 0.0, -0.3, 0.6), (0.0, 0.0, -0.41, 0.3))  # leg: x y z [m] of straight leg, kg
+_TORSO = (np.array([0.02, 0.0, 0.12]), 1.7, np.array([0.012, 0.008, 0.008]))  # COM [m], kg, inertia [kg m^2]
+_ARMATURE, _FRICTION, _TORQUE, _FORCE = 0.00182, 0.5, 10.5, 100.0
+_POINTS = np.array([[0.05, 0.0, -0.429], [-0.035, 0.0, -0.429]])  # toe, heel [m] of the straight leg
 
 
-def log_programs(seed: int) -> QuadraticProgram:
-    """Programs of all robots and ticks, robot after robot; half are pushed by 2 N s sagittally, half by 1 N s sideways."""
-    walker, _ = default_walker("none")
-    plan = make_plan(*velocity_footsteps(0.1, 0.0, 0.0, 40, 0.24, 0.1, 1), 1)
-    halves = [
-        sample_conditions(walker.robot, pushed, _ROBOTS // 2, seed)
-        for pushed in (Disturbances(push_impulse=2.0, push_axis="x"), Disturbances(push_impulse=1.0, push_axis="y"))
-    ]
-    conditions = jax.tree.map(lambda *parts: jnp.concatenate(parts), *halves)
+class WholeBodyQps(NamedTuple):
+    """A sequence min x'P x / 2 + q'x, low <= C x <= high; x = [joint accelerations or all accelerations, forces].
 
-    def walk(conditions: Conditions) -> QuadraticProgram:
-        def tick(state: WalkState, _: None) -> tuple[WalkState, QuadraticProgram]:
-            _, decision = decide(walker, conditions, plan, state.mind, state.physics.qpos, state.physics.qvel)
-            return walk_tick(walker, conditions, plan, state)[0], decision.info.program
+    Attributes:
+        P, q, C, low, high: (T, n, n), (T, n), (T, m, n), (T, m), (T, m).
+        blocks: names and row counts.
+        torque_map, torque_offset: (T, 10, n), (T, 10), leg torques = map x + offset [N m].
+    """
 
-        def unlogged(_: int, state: WalkState) -> WalkState:
-            return walk_tick(walker, conditions, plan, state)[0]
-
-        state = jax.lax.fori_loop(0, _BEFORE, unlogged, start_walk(walker, conditions))
-        return jax.lax.scan(tick, state, None, length=_LOGGED)[1]
-
-    logged = jax.jit(jax.vmap(walk))(conditions)
-    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), logged)
+    P: np.ndarray
+    q: np.ndarray
+    C: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    blocks: tuple[tuple[str, int], ...]
+    torque_map: np.ndarray
+    torque_offset: np.ndarray
 
 
-def main() -> int:
-    """Log and save."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/whole_body_qps.npz"), help="file to write")
-    parser.add_argument("--seed", type=int, default=0, help="of the robots' conditions")
-    arguments = parser.parse_args()
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    programs = log_programs(arguments.seed)
-    programs.save(arguments.out)
-    print(f"{programs.q.shape[0]} programs are in {arguments.out}; python -m benchmarks.qp --file {arguments.out}")
-    return 0
+def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
+    """Rodrigues' formula."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
+def leg_points(hip: np.ndarray, angles: np.ndarray, points: np.ndarray, link: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Positions (k, 3) and Jacobians (k, 3, 5) of points given on the straight leg, after yaw, pitch, roll, knee,
+    ankle rotations; `link` says how many joints carry each point.
+    """
+    axes = np.array([[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 1, 0], [0, 1, 0]], float)
+    pivots = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, -0.205], [0, 0, -0.405]])
+    turn, place = np.eye(3), hip.copy()
+    position, jacobian = np.zeros((len(points), 3)), np.zeros((len(points), 3, 5))
+    world_axes, world_pivots = [], []
+    for joint in range(5):
+        world_axes.append(turn @ axes[joint])
+        world_pivots.append(turn @ pivots[joint] + place)
+        place = world_pivots[-1] - turn @ rotation(axes[joint], angles[joint]) @ pivots[joint]
+        turn = turn @ rotation(axes[joint], angles[joint])
+        for k in np.flatnonzero(link == joint + 1):
+            position[k] = turn @ points[k] + place
+    for point in range(len(points)):
+        for joint in range(link[point]):
+            jacobian[point, :, joint] = np.cross(world_axes[joint], position[point] - world_pivots[joint])
+    return position, jacobian
+
+
+def point_rows(position: np.ndarray, jacobian: np.ndarray, leg: int) -> np.ndarray:
+    """(3, 16) Jacobian of a leg's point over [base linear, base angular, right leg, left leg]."""
+    x, y, z = position
+    rows = np.zeros((3, 16))
+    rows[:, :3] = np.eye(3)
+    rows[:, 3:6] = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
+    rows[:, 6 + 5 * leg : 11 + 5 * leg] = jacobian
+    return rows
+
+
+def dynamics(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mass matrix (16, 16), gravity forces (16,) and contact Jacobian (12, 16) [toe_r, heel_r, toe_l, heel_l]."""
+    com, mass, inertia = _TORSO
+    rows = point_rows(com, np.zeros((3, 5)), 0)
+    turn = np.zeros((3, 16))
+    turn[:, 3:6] = np.eye(3)
+    M = mass * rows.T @ rows + turn.T @ np.diag(inertia) @ turn
+    h = mass * 9.81 * rows[2]
+    contacts = []
+    for leg, side in enumerate((-1.0, 1.0)):
+        hip = np.array([0, 0.076 * side, 0])
+        points = np.concatenate([np.asarray(_MASSES)[:, :3], _POINTS])
+        where, jacobians = leg_points(hip, angles[leg], points, np.array([3, 4, 5, 5, 5]))
+        for k, (position, jacobian) in enumerate(zip(where, jacobians)):
+            rows = point_rows(position, jacobian, leg)
+            if k < 3:
+                M += _MASSES[k][3] * rows.T @ rows
+                h += _MASSES[k][3] * 9.81 * rows[2]
+            else:
+                contacts.append(rows)
+    M += np.diag([0.0] * 6 + [_ARMATURE] * 10)
+    return M, h, np.concatenate(contacts)
+
+
+def whole_body_qps(ticks: int = 500, seed: int = 0, push: float = 1.0, eliminate: bool = True) -> WholeBodyQps:
+    """A walk in place with pushes; step phases, noise and pushes come from the seed.
+
+    Args:
+        push: size of the pushes, 1 for half the gravity for 0.1 s once a step or so.
+        eliminate: eliminate the base acceleration (22 variables, 30 rows), else keep it and add arms that swing
+            freely (34 variables, 36 rows, 6 of them the base's equations).
+    """
+    rng = np.random.default_rng(seed)
+    phase, count = rng.uniform(0, 2), 16 if eliminate else 22
+    drift = np.cumsum(rng.normal(0, 0.02, (ticks, 16)), axis=0) * np.sqrt(TICK)
+    problems: dict[str, list] = {name: [] for name in ("P", "q", "C", "low", "high", "map", "offset")}
+    kick, remaining, bias = np.zeros(6), 0, rng.normal(0, 1, 16)
+    for tick in range(ticks):
+        clock = phase + tick * TICK / STEP_TIME
+        stance, s = int(clock) % 2, clock % 1.0
+        if rng.random() < TICK / STEP_TIME:
+            kick, remaining = push * 22 * np.concatenate([rng.normal(0, 1, 3), rng.normal(0, 0.15, 3)]), 50
+        remaining -= 1
+        crouch = np.array([0.0, 0.5, 0.0, -1.017, 0.513])
+        lift = np.sin(np.pi * s) * np.array([0.0, 0.25, 0.05, -0.5, 0.25])
+        sway = 0.05 * np.cos(np.pi * clock) * np.array([0.5, 1, 1, 0.5, 1])
+        angles = np.stack([crouch + sway, crouch - sway]) + drift[tick, 6:].reshape(2, 5)
+        angles[1 - stance] += lift
+        M, h, J = dynamics(angles)
+        h = h + 0.3 * np.sin(2 * np.pi * clock + bias) * np.array([3.0] * 3 + [0.3] * 3 + [0.2] * 10)
+        h[:6] -= kick * (remaining > 0)
+        on = np.zeros(2, bool)
+        on[stance] = True
+        if s < 0.15:
+            on[:] = True
+        tasks: list[tuple[np.ndarray, np.ndarray, float]] = []
+        for leg in range(2):
+            rows = J[6 * leg : 6 * leg + 6]
+            if on[leg]:
+                tasks.append((rows, rng.normal(0, 0.1, 6), 100.0))
+            else:
+                accelerate = 5 * np.sin(2 * np.pi * s + np.arange(6)) + rng.normal(0, 0.2, 6)
+                tasks.append((rows, accelerate, 25.0))
+        tilt = np.zeros((3, 16))
+        tilt[:, 3:6] = np.eye(3)
+        wanted = 6 * np.sin(np.pi * clock + bias[:3]) + rng.normal(0, 0.3, 3) + 4 * drift[tick, :3]
+        tasks.append((tilt[:2], wanted[:2], 10.0))
+        tasks.append((tilt[2:], wanted[2:], 1.0))
+        total = M[0, 0]
+        tasks.append((M[2:3] / total, np.array([0.5 * np.sin(4 * np.pi * clock)]), 100.0))
+        tasks.append((M[0:1] / total, np.array([1.5 * np.sin(np.pi * clock)]), 30.0))
+        padding = np.zeros((count - 16, 16))
+        Mc = np.block([[M, padding.T], [padding, 0.01 * np.eye(count - 16)]])
+        Jc = np.concatenate([J, np.zeros((12, count - 16))], axis=1)
+        hc = np.concatenate([h, np.zeros(count - 16)])
+        n = count + 12
+        P, q = np.zeros((n, n)), np.zeros(n)
+        for rows, target, weight in tasks:
+            wide = np.concatenate([rows, np.zeros((len(rows), n - 16))], axis=1)
+            P += weight * wide.T @ wide
+            q -= weight * wide.T @ target
+        nominal = np.zeros(12)
+        nominal[2::3] = np.repeat(on, 2) * total * 9.81 / (2 * on.sum())
+        weights = np.full(n, 1e-2)
+        P += np.diag(weights)
+        q[count:] -= 1e-2 * nominal
+        friction = np.zeros((20, n))
+        low, high = np.full(20, -np.inf), np.zeros(20)
+        for point in range(4):
+            x, y, z = count + 3 * point + np.arange(3)
+            for row, (axis, sign) in enumerate(((x, 1), (x, -1), (y, 1), (y, -1))):
+                friction[5 * point + row, [axis, z]] = sign, -_FRICTION
+            friction[5 * point + 4, z] = 1.0
+            low[5 * point + 4], high[5 * point + 4] = (1.0, _FORCE) if on[point // 2] else (0.0, 0.0)
+        full = np.concatenate([Mc, -Jc.T], axis=1)
+        if eliminate:
+            inner = np.linalg.solve(M[:6, :6], np.concatenate([-M[:6, 6:16], J.T[:6]], axis=1))
+            lift_map = np.concatenate([inner, np.eye(22)])
+            offset = np.concatenate([-np.linalg.solve(M[:6, :6], h[:6]), np.zeros(22)])
+            q, P = lift_map.T @ (q + P @ offset), lift_map.T @ P @ lift_map
+            friction = friction @ lift_map
+            torque, shift = full[6:16] @ lift_map, full[6:16] @ offset + h[6:]
+            base = np.zeros((0, 22))
+        else:
+            torque, shift, base = full[6:16], hc[6:16], full[:6]
+        problems["P"].append((P + P.T) / 2)
+        problems["q"].append(q)
+        problems["C"].append(np.concatenate([friction, torque, base]))
+        problems["low"].append(np.concatenate([low, -_TORQUE - shift, -h[: len(base)]]))
+        problems["high"].append(np.concatenate([high, _TORQUE - shift, -h[: len(base)]]))
+        problems["map"].append(torque)
+        problems["offset"].append(shift)
+    blocks: tuple[tuple[str, int], ...] = (("friction", 20), ("torque", 10))
+    if not eliminate:
+        blocks = (*blocks, ("base dynamics", 6))
+    arrays = {name: np.stack(value) for name, value in problems.items()}
+    return WholeBodyQps(
+        arrays["P"],
+        arrays["q"],
+        arrays["C"],
+        arrays["low"],
+        arrays["high"],
+        blocks,
+        arrays["map"],
+        arrays["offset"],
+    )
