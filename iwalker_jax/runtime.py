@@ -8,9 +8,7 @@ _XLA_CPU_FLAGS = (
     # jaxlib 0.10's concurrency-optimised scheduler can hang for ever on large vmapped CPU programs.
     "--xla_cpu_enable_concurrency_optimized_scheduler=false",
     # Compiles the solvers' small loops as one kernel each instead of dispatching every operation: up to 10x faster.
-    # LLVM unrolls loops of up to 32 rounds before it vectorises them, which leaves batches of small matrices scalar:
-    # not to do so halves the time of a batch of QPs.
-    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=4000000,-unroll-full-max-count=4",
+    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=4000000",
 )
 
 
