@@ -77,15 +77,11 @@ class Table:
 
     def text(self) -> str:
         """Aligned plain text."""
-        cells = self.cells()
-        widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
-        return "\n".join("  ".join(value.rjust(width) for value, width in zip(line, widths)) for line in cells)
+        return aligned_text(self.cells())
 
     def markdown(self) -> str:
         """A Markdown table."""
-        header, *body = self.cells()
-        lines = [header, ["---"] * len(header), *body]
-        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        return markdown_table(self.cells())
 
     def save(self, folder: Path, name: str) -> None:
         """Write name.md and name.csv (one line a seed, full precision)."""
@@ -110,3 +106,16 @@ def _cell(values: Rows[float], decimals: int) -> str:
 def legend() -> str:
     """What the columns mean, one a line."""
     return "\n".join(f"- {column.title}: {column.meaning}." for column in COLUMNS)
+
+
+def aligned_text(cells: list[list[str]]) -> str:
+    """Lines of cells, header first, as plain text in right-aligned columns."""
+    widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
+    return "\n".join("  ".join(value.rjust(width) for value, width in zip(line, widths)) for line in cells)
+
+
+def markdown_table(cells: list[list[str]]) -> str:
+    """Lines of cells, header first, as a Markdown table."""
+    header, *body = cells
+    lines = [header, ["---"] * len(header), *body]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from iwalker_jax.evaluation.tables import Column
+from iwalker_jax.evaluation.tables import Column, aligned_text, markdown_table
 from iwalker_jax.evaluation.walk_metrics import WalkMetrics, speed_error
 
 COLUMNS = (
@@ -90,15 +90,11 @@ class WalkTable:
 
     def text(self) -> str:
         """Aligned plain text."""
-        cells = self.cells()
-        widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
-        return "\n".join("  ".join(value.rjust(width) for value, width in zip(line, widths)) for line in cells)
+        return aligned_text(self.cells())
 
     def markdown(self) -> str:
         """A Markdown table."""
-        header, *body = self.cells()
-        lines = [header, ["---"] * len(header), *body]
-        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        return markdown_table(self.cells())
 
     def save(self, folder: Path, name: str) -> None:
         """Write name.txt, name.md and name.csv (full precision)."""
