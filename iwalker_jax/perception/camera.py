@@ -61,7 +61,7 @@ class CameraMount:
     height: float = 0.58
     pitch: float = 0.26
     roll: float = 0.0
-    forward: float = 0.075
+    forward: float = 0.028
     left: float = 0.0
 
     def as_array(self) -> Float[Array, " 5"]:

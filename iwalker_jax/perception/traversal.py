@@ -14,7 +14,7 @@ class TraversalRules:
     """Cost per metre as a function of clearance; 1 in open, seen space.
 
     Attributes:
-        body_radius: [m] half the shoulder width; nearer than this the body touches.
+        body_radius: [m] half the body's width at the elbows; nearer than this the body touches.
         comfort: [m] clearance from which a metre costs no more than in the open.
         discomfort: extra cost per metre where the body just fits, growing quadratically below `comfort`.
         contact: extra cost per metre where the body touches; finite, so that a route out of contact always exists.
@@ -22,7 +22,7 @@ class TraversalRules:
         unknown: extra cost per metre through space that was not seen.
     """
 
-    body_radius: float = 0.125
+    body_radius: float = 0.18
     comfort: float = 0.45
     discomfort: float = 2.0
     contact: float = 30.0

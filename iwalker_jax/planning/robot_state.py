@@ -19,21 +19,19 @@ class StepGeometry:
         length: [m] desired advance along the path from one footstep to the next.
         width: [m] desired distance between the two feet's tracks; the left track lies at +width/2.
         count: footsteps planned at a time.
-        body_radius: [m] half the shoulder width: the clearance a walking body needs.
     """
 
-    length: float = 0.10
-    width: float = 0.09
+    length: float = 0.08
+    width: float = 0.10
     count: int = 20
-    body_radius: float = 0.125
 
     def __post_init__(self) -> None:
         if not (0 < self.length <= 0.2 and 0.03 <= self.width <= 0.2):
             raise InputError(
                 f"Step length must lie in (0, 0.20] m and width in [0.03, 0.20] m, got {self.length} and {self.width}."
             )
-        if not 1 <= self.count <= 50 or self.body_radius <= 0:
-            raise InputError("The step count must lie in 1..50 and the body radius must be positive.")
+        if not 1 <= self.count <= 50:
+            raise InputError("The step count must lie in 1..50.")
 
 
 class RobotState(NamedTuple):

@@ -86,7 +86,7 @@ class PlannerModels:
     step_weights: StepMpcWeights = StepMpcWeights()
     steps: StepGeometry = StepGeometry()
     traversal: TraversalRules = TraversalRules()
-    safety_margin: float = 0.15
+    safety_margin: float = 0.10
     blind_walking: float = 4.5
 
 

@@ -33,6 +33,7 @@ class WalkSampling:
         roll_spread: [rad] mounting roll's spread from walk to walk.
         sway_angle: [rad] gait sway in pitch and roll from image to image.
         sway_height: [m] gait sway of the height.
+        forward: [m] of the camera ahead of the COM, and sway_position: [m] of the COM's gait sway about it, both axes.
         heading_spread: [rad] departure of the heading from the route.
         lateral_spread: [m] departure of the position from the route.
         goal_radius: [m] random goals lie at most this far away.
@@ -51,6 +52,8 @@ class WalkSampling:
     roll_spread: float = 0.02
     sway_angle: float = 0.02
     sway_height: float = 0.008
+    forward: float = 0.028
+    sway_position: float = 0.012
     heading_spread: float = 0.25
     lateral_spread: float = 0.08
     goal_radius: float = 6.0
@@ -268,7 +271,8 @@ def _mounts(n: int, rng: np.random.Generator, sampling: WalkSampling) -> np.ndar
     height = rng.normal(sampling.height, sampling.height_spread) + rng.normal(0.0, sampling.sway_height, n)
     pitch = rng.normal(sampling.pitch, sampling.pitch_spread) + rng.normal(0.0, sampling.sway_angle, n)
     roll = rng.normal(0.0, sampling.roll_spread) + rng.normal(0.0, sampling.sway_angle, n)
-    return np.column_stack([height, pitch, roll, np.full(n, 0.075), np.zeros(n)]).astype(np.float32)
+    place = np.array([sampling.forward, 0.0]) + rng.normal(0.0, sampling.sway_position, (n, 2))
+    return np.column_stack([height, pitch, roll, place]).astype(np.float32)
 
 
 def _goals(
