@@ -43,6 +43,7 @@ def setting() -> tuple[Walker, Conditions, FootstepPlan, WalkState]:
         qpos=robot.home,
         qvel=jnp.zeros(22),
         key=jax.random.key(0),
+        images_lost=jnp.asarray(False),
     )
     table = make_plan(*velocity_footsteps(0.15, 0.0, 0.0, 20, 0.24, 0.1, 1), 1)
     plan = jax.tree.map(lambda leaf: leaf.astype(jnp.float64) if leaf.dtype == jnp.float32 else leaf, table)

@@ -101,6 +101,7 @@ def sample_conditions(
         qpos=jnp.asarray(qpos, dtype),
         qvel=jnp.asarray(qvel, dtype),
         key=jax.vmap(jax.random.fold_in, (None, 0))(jax.random.key(seed), jnp.arange(count)),
+        images_lost=jnp.zeros(count, bool),
     )
 
 

@@ -74,6 +74,7 @@ class Conditions(NamedTuple):
         delay: () int32, ticks by which the torques come late, at most MAX_DELAY.
         qpos, qvel: state at the start.
         key: of the sensors' noise.
+        images_lost: () bool, visual odometry gives no poses.
     """
 
     friction: Float[Array, "*batch"]
@@ -85,6 +86,7 @@ class Conditions(NamedTuple):
     qpos: Float[Array, "*batch nq"]
     qvel: Float[Array, "*batch nv"]
     key: Array
+    images_lost: Bool[Array, "*batch"]
 
 
 class Sensing(NamedTuple):
@@ -213,6 +215,7 @@ def decide(
     sensing = mind.sensing
     if walker.noise is not None and sensing is not None:
         sensors, readings = simulate_sensors(walker.noise, sensing.sensors, qpos, qvel, sensing.specific_force)
+        readings = readings._replace(image_arrived=readings.image_arrived & ~conditions.images_lost)
         gait = mind.controller.gait
         carrying = jnp.where(gait.mode == WALK, jax.nn.one_hot(gait.stance, 2), 1.0).astype(qpos.dtype)
         estimate = estimate_step(walker.estimator, walker.legs, sensing.estimate, readings, carrying)

@@ -45,6 +45,7 @@ def conditions_for(walker: Walker, count: int) -> Conditions:
         qpos=jnp.tile(walker.robot.home, (count, 1)),
         qvel=jnp.zeros((count, 22)),
         key=jax.random.split(jax.random.key(0), count),
+        images_lost=jnp.zeros(count, bool),
     )
 
 
