@@ -1,0 +1,110 @@
+"""Metrics of closed-loop episodes, against lengths and intervals worked out by other means."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.evaluation.navigation_metrics import (
+    batch_metrics,
+    episode_metrics,
+    path_shaking,
+    row_of,
+    shortest_route,
+    walked_distance,
+    wilson_interval,
+)
+from iwalker_jax.navigation.task import Outcome
+from tests.evaluation.episodes import FRAME, make_record, make_task, room
+
+
+def test_a_reached_episode_by_hand():
+    """Oracle: the polyline's own length; the sway of the steps adds a tenth to the raw track but not to the figure."""
+    record, task = make_record(seconds=20.0), make_task()
+    got = episode_metrics(row_of(record, 0), task, shortest=4.5)
+    length = 2 * np.hypot(2.0, 1.7)
+    raw = np.linalg.norm(np.diff(record.base[0, :, :2], axis=0), axis=1).sum()
+    assert raw > 1.1 * length
+    assert got.walked == pytest.approx(length, rel=0.02)
+    assert got.success and got.goals == 1.0
+    assert got.seconds == pytest.approx(20.0 - 2 * FRAME)
+    assert got.spl == pytest.approx(4.5 / got.walked)
+    assert got.speed == pytest.approx(got.walked / got.seconds)
+    assert got.clearance == pytest.approx(0.2, abs=1e-3)
+    assert got.torque_peak == 0.5 and got.qp_failures == 0.0
+
+
+@pytest.mark.parametrize("outcome", [Outcome.COLLIDED, Outcome.FELL, Outcome.GAVE_UP, Outcome.TIMED_OUT])
+def test_a_failed_episode_is_worth_nothing_but_its_goals(outcome):
+    record = make_record(outcomes=(outcome,))
+    record = record._replace(goal=np.ones_like(record.goal), qp_failures=np.full_like(record.qp_failures, 3))
+    task = make_task(goals=((3.0, 2.7), (5.0, 1.0), (5.0, 2.0), (5.0, 3.0)))
+    got = episode_metrics(row_of(record, 0), task, shortest=4.5)
+    assert got.outcome is outcome and not got.success
+    assert got.spl == 0.0 and got.goals == 0.25
+    # Three of the 33 ticks of 2 ms in every frame.
+    assert got.qp_failures == pytest.approx(3 * 0.002 / FRAME, rel=0.01)
+
+
+def test_every_episode_ends_where_its_outcome_begins():
+    record = make_record(outcomes=(Outcome.REACHED, Outcome.RUNNING))
+    assert len(row_of(record, 0).time) == len(record.time[0]) - 2
+    assert len(row_of(record, 1).time) == len(record.time[0])
+    got = batch_metrics(record, [make_task("a"), make_task("b")])
+    assert [m.outcome for m in got] == [Outcome.REACHED, Outcome.RUNNING]
+    with pytest.raises(InputError, match="1 tasks and 2 episodes"):
+        batch_metrics(record, [make_task()])
+    with pytest.raises(InputError, match="no episode 2"):
+        row_of(record, 2)
+
+
+def test_the_shortest_route_goes_around_the_partition_and_through_all_goals():
+    """Oracle: the taut string around the partition's end, 2 m from the wall, with the route's margin of 0.2 m."""
+    corner = np.array([[2.95, 2.0], [3.05, 2.0]])
+    radius = 0.2
+    reach = np.linalg.norm(corner[0] - [1.0, 1.0])
+    straight = np.sqrt(reach**2 - radius**2)
+    # From (1, 1) tangent to the circle about the left corner, then over the top by symmetry.
+    bearing = np.arctan2(1.0, 1.95) + np.arcsin(radius / reach)
+    arc = radius * bearing
+    expected = 2 * (straight + arc) + 0.1
+    one = shortest_route(make_task())
+    assert one == pytest.approx(expected, rel=0.05)
+    both = shortest_route(make_task(goals=((5.0, 1.0), (5.0, 2.5))))
+    assert both == pytest.approx(one + 1.5, rel=0.03)
+
+
+def test_no_route_is_nan_and_leaves_the_path_length_unweighted():
+    closed = room().boxes.copy()
+    closed[4, [1, 4]] = 2.0  # the partition from wall to wall
+    walled_in = dataclasses.replace(make_task(), scene=dataclasses.replace(room(), boxes=closed))
+    assert np.isnan(shortest_route(walled_in))
+    assert np.isnan(episode_metrics(row_of(make_record(), 0), walled_in).spl)
+
+
+def test_a_standing_robot_walks_nowhere():
+    assert walked_distance(np.ones((30, 2)), np.arange(30) * FRAME) == 0.0
+    assert walked_distance(np.ones((1, 2)), np.zeros(1)) == 0.0
+
+
+def test_shaking_is_the_lateral_change_of_new_paths():
+    """Oracle: parallel straight paths, every second one moved by 4 cm; progress along the path does not count."""
+    x = np.linspace(0.0, 2.0, 41)
+    paths = np.stack([np.stack([x + 0.01 * k, np.full(41, 0.04 * (k % 2))], axis=1) for k in range(10)])
+    assert path_shaking(paths) == pytest.approx(0.04)
+    assert path_shaking(paths[::2]) == pytest.approx(0.0, abs=1e-9)
+    assert np.isnan(path_shaking(np.repeat(paths[:1], 5, axis=0)))
+    assert np.isnan(path_shaking(0.2 * paths))
+
+
+@pytest.mark.parametrize(("hits", "n"), [(0, 10), (10, 10), (7, 10), (93, 100), (1, 3)])
+def test_wilson_interval(hits, n):
+    """Oracle: SciPy's."""
+    expected = stats.binomtest(hits, n).proportion_ci(0.95, method="wilson")
+    assert wilson_interval(np.arange(n) < hits) == pytest.approx((expected.low, expected.high), abs=1e-9)
+
+
+def test_wilson_interval_of_nothing():
+    assert np.isnan(wilson_interval([])).all()
