@@ -17,10 +17,11 @@ from iwalker_jax.optimization.unicycle import UnicycleParameters, initial_state_
 from iwalker_jax.optimization.unicycle_mpc import solve_unicycle
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
+from iwalker_jax.perception.seen_route import ROUTE_GRID
 from iwalker_jax.perception.traversal import TraversalRules, traversal_cost
 from iwalker_jax.planning.footsteps import closest_on_path, footstep_sides
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry, pre_impact_planes
-from iwalker_jax.training.maps import ROUTE_GRID, FrameMaps
+from iwalker_jax.training.maps import FrameMaps
 
 _ROUTE_SOFTNESS = 0.05  # [m] below which the distance to the route counts quadratically
 

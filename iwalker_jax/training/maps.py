@@ -6,20 +6,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from iwalker_jax.geometry.splines import resample_by_arc_length
 from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.perception.cost_to_go import cost_to_go, descend
-from iwalker_jax.perception.grid import DEFAULT_GRID
+from iwalker_jax.perception.cost_to_go import cost_to_go
 from iwalker_jax.perception.local_map import build_local_map
-from iwalker_jax.perception.map_sampling import sample_bilinear
-from iwalker_jax.perception.traversal import TraversalRules, halved, pool_2x2, softened, traversal_cost
+from iwalker_jax.perception.seen_route import ROUTE_GRID, seen_route
+from iwalker_jax.perception.traversal import TraversalRules, pool_2x2, softened, traversal_cost
 from iwalker_jax.training.frames import DEPTH_UNIT, FrameSet
-
-ROUTE_GRID = halved(DEFAULT_GRID)
-"""10 cm cells are fine enough for routes; clearance itself is sampled from the 5 cm distance field."""
-
-ROUTE_POINTS = 50
-_SMOOTHING_PASSES = 6
 
 
 class TrainingData(NamedTuple):
@@ -80,33 +72,6 @@ def frame_maps(
     to_go = jax.vmap(lambda goal: cost_to_go(cost, goal, ROUTE_GRID).value.cost)(goals)
     routes = jax.vmap(lambda goal, values: seen_route(values, unknown, goal))(goals, to_go)
     return FrameMaps(local.esdf, unknown, to_go, routes, local.published)
-
-
-def seen_route(
-    to_go: Float[Array, "rows columns"], unknown: Float[Array, "rows columns"], goal: Float[Array, " 2"]
-) -> Float[Array, "points 2"]:
-    """The best route from the robot towards a goal, as far as it was seen: evenly spaced points [m] from the origin.
-
-    It ends at the goal, or where the route would enter unseen space, or at the edge of the map.
-
-    Args:
-        to_go: cost-to-go on `ROUTE_GRID`.
-        unknown: degree of being unseen on `ROUTE_GRID`.
-        goal: [m] base frame.
-    """
-    cells = descend(to_go, ROUTE_GRID, jnp.zeros(2), 2 * max(ROUTE_GRID.shape))
-    last = cells[-1]
-    arrived = jnp.sum((last - goal) ** 2) < ROUTE_GRID.resolution**2
-    way = jnp.concatenate([jnp.zeros((1, 2)), cells[1:], jnp.where(arrived, goal, last)[None]])
-    seen = jnp.cumprod(sample_bilinear(unknown, ROUTE_GRID, way, outside="clamp") < 0.5).astype(bool)
-    end = way[jnp.maximum(jnp.sum(seen) - 1, 0)]
-    way = jnp.where(seen[:, None], way, end)
-    # The grid allows sixteen headings; a moving average of half a metre takes its corners off.
-    even = resample_by_arc_length(way, ROUTE_POINTS)
-    for _ in range(_SMOOTHING_PASSES):
-        middle = 0.25 * even[:-2] + 0.5 * even[1:-1] + 0.25 * even[2:]
-        even = jnp.concatenate([even[:1], middle, even[-1:]])
-    return resample_by_arc_length(even, ROUTE_POINTS)
 
 
 def prepare(

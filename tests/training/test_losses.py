@@ -11,6 +11,7 @@ from flax import nnx
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.hlip import HlipParameters
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
+from iwalker_jax.perception.seen_route import ROUTE_GRID
 from iwalker_jax.planning.footsteps import nominal_footsteps
 from iwalker_jax.planning.planner import waypoints_to_path
 from iwalker_jax.planning.robot_state import sample_robot_state
@@ -23,7 +24,7 @@ from iwalker_jax.training.losses import (
     step_losses,
     weighted_sum,
 )
-from iwalker_jax.training.maps import ROUTE_GRID, FrameMaps
+from iwalker_jax.training.maps import FrameMaps
 from iwalker_jax.training.train_step import batch_losses, make_planner
 from tests.gradients import assert_gradients_agree
 

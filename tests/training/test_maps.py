@@ -9,8 +9,9 @@ from scipy.sparse.csgraph import dijkstra
 
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.cost_to_go import cost_to_go
+from iwalker_jax.perception.seen_route import ROUTE_GRID, ROUTE_POINTS, seen_route
 from iwalker_jax.perception.traversal import TraversalRules
-from iwalker_jax.training.maps import ROUTE_GRID, ROUTE_POINTS, FrameMaps, frame_maps, prepare, seen_route
+from iwalker_jax.training.maps import FrameMaps, frame_maps, prepare
 
 RULES = TraversalRules()
 

@@ -1,0 +1,49 @@
+"""The best route on a map towards a goal, as far as the map shows it: what a planner could know from what was seen."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from iwalker_jax.geometry.splines import resample_by_arc_length
+from iwalker_jax.perception.cost_to_go import descend
+from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
+from iwalker_jax.perception.map_sampling import sample_bilinear
+from iwalker_jax.perception.traversal import halved
+
+ROUTE_GRID = halved(DEFAULT_GRID)
+"""10 cm cells are fine enough for routes; clearance itself is sampled from the 5 cm distance field."""
+
+ROUTE_POINTS = 50
+_SMOOTHING_PASSES = 6
+
+
+def seen_route(
+    to_go: Float[Array, "rows columns"],
+    unknown: Float[Array, "rows columns"],
+    goal: Float[Array, " 2"],
+    start: Float[Array, " 2"] | None = None,
+    grid: GridSpec = ROUTE_GRID,
+) -> Float[Array, "points 2"]:
+    """The best route from the robot towards a goal, as far as it was seen: evenly spaced points [m] from the start.
+
+    It ends at the goal, or where the route would enter unseen space, or at the edge of the map.
+
+    Args:
+        to_go: cost-to-go on the grid.
+        unknown: degree of being unseen on the grid.
+        goal: [m] in the grid's frame, as the start, which is the origin if left out.
+        grid: where the cells lie.
+    """
+    start = jnp.zeros(2, to_go.dtype) if start is None else start
+    cells = descend(to_go, grid, start, 2 * max(grid.shape))
+    last = cells[-1]
+    arrived = jnp.sum((last - goal) ** 2) < grid.resolution**2
+    way = jnp.concatenate([start[None], cells[1:], jnp.where(arrived, goal, last)[None]])
+    seen = jnp.cumprod(sample_bilinear(unknown, grid, way, outside="clamp") < 0.5).astype(bool)
+    end = way[jnp.maximum(jnp.sum(seen) - 1, 0)]
+    way = jnp.where(seen[:, None], way, end)
+    # The grid allows sixteen headings; a moving average of half a metre takes its corners off.
+    even = resample_by_arc_length(way, ROUTE_POINTS)
+    for _ in range(_SMOOTHING_PASSES):
+        middle = 0.25 * even[:-2] + 0.5 * even[1:-1] + 0.25 * even[2:]
+        even = jnp.concatenate([even[:1], middle, even[-1:]])
+    return resample_by_arc_length(even, ROUTE_POINTS)
