@@ -1,13 +1,15 @@
-"""What closed-loop episodes are worth: how they ended, how far and how near obstacles they walked, how calm the plan."""
+"""What closed-loop episodes are worth: how they ended, how far they walked, how near obstacles, how calm the plan."""
 
 import functools
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.task import EpisodeRecord, Outcome, Task
@@ -18,9 +20,6 @@ from iwalker_jax.simulation.scene import SceneArrays
 
 AHEAD = 0.5
 """[m] along a planned path from its start to where its shaking is measured."""
-
-_WILSON_Z = 1.959963984540054
-"""Normal quantile of a two-sided 95 % interval."""
 
 
 class EpisodeMetrics(NamedTuple):
@@ -89,7 +88,7 @@ def episode_metrics(
     outcome = Outcome(int(episode.outcome[-1]))
     success = outcome is Outcome.REACHED
     seconds = float(episode.time[-1])
-    walked = walked_distance(episode.base[:, :2], episode.time)
+    walked = walked_distance(np.asarray(episode.base)[:, :2], np.asarray(episode.time))
     return EpisodeMetrics(
         outcome=outcome,
         seconds=seconds,
@@ -100,7 +99,7 @@ def episode_metrics(
         goals=1.0 if success else float(episode.goal[-1]) / len(task.goals),
         torque_peak=_reduced(np.max, episode.torque_share),
         qp_failures=float(np.sum(episode.qp_failures)) * time_step / seconds if seconds > 0 else 0.0,
-        shaking=path_shaking(episode.path),
+        shaking=path_shaking(np.asarray(episode.path)),
     )
 
 
@@ -129,7 +128,9 @@ def shortest_route(task: Task, rules: RouteRules = DEFAULT_ROUTE_RULES) -> float
     """[m] length of the shortest walkable route from the start through all goals in order; NaN if there is none."""
     scene = task.scene.arrays()
     places = np.concatenate([[task.start[:2]], task.goals])
-    legs = [float(_leg(scene, jnp.asarray(a, float), jnp.asarray(b, float), rules)) for a, b in zip(places, places[1:])]
+    legs = [
+        float(_leg(scene, jnp.asarray(a, float), jnp.asarray(b, float), rules)) for a, b in itertools.pairwise(places)
+    ]
     return float("nan") if max(legs) >= UNREACHABLE else sum(legs)
 
 
@@ -147,7 +148,7 @@ def path_shaking(paths: Float[np.ndarray, "n p 2"]) -> float:
     path ends before that point are left out: near a goal there is nothing to compare.
     """
     distances = []
-    for before, after in zip(paths, paths[1:]):
+    for before, after in itertools.pairwise(paths):
         if np.array_equal(before, after) or not (np.isfinite(before).all() and np.isfinite(after).all()):
             continue
         ahead = _point_along(after, AHEAD)
@@ -176,18 +177,7 @@ def _distance_to_line(point: Float[np.ndarray, " 2"], line: Float[np.ndarray, "p
     return float(distances[nearest]), (nearest + float(share[nearest])) / len(edges)
 
 
-def wilson_interval(flags: Sequence[float] | Bool[np.ndarray, " n"]) -> tuple[float, float]:
-    """Wilson's 95 % interval of the share of true flags (Wilson 1927); NaN without any."""
-    n = len(flags)
-    if n == 0:
-        return float("nan"), float("nan")
-    share, squared = float(np.mean(flags)), _WILSON_Z**2
-    middle = (share + squared / (2 * n)) / (1 + squared / n)
-    half = _WILSON_Z / (1 + squared / n) * np.sqrt(share * (1 - share) / n + squared / (4 * n * n))
-    return max(0.0, float(middle - half)), min(1.0, float(middle + half))
-
-
-def _reduced(function, values: np.ndarray) -> float:
+def _reduced(function: Callable[[np.ndarray], float], values: ArrayLike) -> float:
     usable = np.asarray(values, np.float64)
     usable = usable[np.isfinite(usable)]
     return float(function(usable)) if len(usable) else float("nan")

@@ -1,4 +1,4 @@
-"""Tables of results as text, Markdown and CSV, with mean, spread over seeds and number of frames."""
+"""Tables of results as text, Markdown and CSV, with mean and spread over seeds, frames or episodes."""
 
 import csv
 from collections.abc import Sequence as Rows
@@ -7,16 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
+from iwalker_jax.evaluation.intervals import wilson_interval
 from iwalker_jax.evaluation.sequences import SequenceResult
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column: title, unit or meaning, and format of its numbers."""
+    """A column: title, unit or meaning, and format of its numbers.
+
+    The values of a rate are 0 or 100 %; their mean is shown with its 95 % interval instead of their deviation.
+    """
 
     title: str
     meaning: str
     decimals: int = 2
+    rate: bool = False
 
 
 COLUMNS = (
@@ -63,16 +68,20 @@ class Table:
     Attributes:
         rows: (labels, one dictionary of column values a seed).
         labels: titles of the label columns.
+        columns: of the values.
+        each: what there is one dictionary of.
     """
 
     rows: tuple[tuple[tuple[str, ...], tuple[dict[str, float], ...]], ...]
     labels: tuple[str, ...] = ("scene",)
+    columns: tuple[Column, ...] = COLUMNS
+    each: str = "seed"
 
     def cells(self) -> list[list[str]]:
         """Formatted cells, header first; mean, and +- standard deviation where there are several seeds."""
-        lines = [[*self.labels, *(column.title for column in COLUMNS)]]
+        lines = [[*self.labels, *(column.title for column in self.columns)]]
         for labels, seeds in self.rows:
-            lines.append([*labels, *(_cell([seed[c.title] for seed in seeds], c.decimals) for c in COLUMNS)])
+            lines.append([*labels, *(_cell([seed[c.title] for seed in seeds], c) for c in self.columns)])
         return lines
 
     def text(self) -> str:
@@ -86,26 +95,29 @@ class Table:
     def save(self, folder: Path, name: str) -> None:
         """Write name.md and name.csv (one line a seed, full precision)."""
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{name}.md").write_text(self.markdown() + "\n\n" + legend() + "\n")
+        (folder / f"{name}.md").write_text(self.markdown() + "\n\n" + legend(self.columns) + "\n")
         with (folder / f"{name}.csv").open("w", newline="") as stream:
             writer = csv.writer(stream)
-            writer.writerow([*self.labels, "seed", *(column.title for column in COLUMNS)])
+            writer.writerow([*self.labels, self.each, *(column.title for column in self.columns)])
             for labels, seeds in self.rows:
                 for number, seed in enumerate(seeds):
-                    writer.writerow([*labels, number, *(seed[column.title] for column in COLUMNS)])
+                    writer.writerow([*labels, number, *(seed[column.title] for column in self.columns)])
 
 
-def _cell(values: Rows[float], decimals: int) -> str:
+def _cell(values: Rows[float], column: Column) -> str:
     usable = [value for value in values if np.isfinite(value)]
     if not usable:
         return "-"
-    text = f"{np.mean(usable):.{decimals}f}"
-    return f"{text} +- {np.std(usable):.{decimals}f}" if len(usable) > 1 else text
+    text = f"{np.mean(usable):.{column.decimals}f}"
+    if column.rate:
+        low, high = (100 * end for end in wilson_interval([value / 100 for value in usable]))
+        return f"{text} [{low:.{column.decimals}f}, {high:.{column.decimals}f}]"
+    return f"{text} +- {np.std(usable):.{column.decimals}f}" if len(usable) > 1 else text
 
 
-def legend() -> str:
+def legend(columns: Rows[Column] = COLUMNS) -> str:
     """What the columns mean, one a line."""
-    return "\n".join(f"- {column.title}: {column.meaning}." for column in COLUMNS)
+    return "\n".join(f"- {column.title}: {column.meaning}." for column in columns)
 
 
 def aligned_text(cells: list[list[str]]) -> str:

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.navigation_metrics import (
@@ -14,7 +13,6 @@ from iwalker_jax.evaluation.navigation_metrics import (
     row_of,
     shortest_route,
     walked_distance,
-    wilson_interval,
 )
 from iwalker_jax.navigation.task import Outcome
 from tests.evaluation.episodes import FRAME, make_record, make_task, room
@@ -97,14 +95,3 @@ def test_shaking_is_the_lateral_change_of_new_paths():
     assert path_shaking(paths[::2]) == pytest.approx(0.0, abs=1e-9)
     assert np.isnan(path_shaking(np.repeat(paths[:1], 5, axis=0)))
     assert np.isnan(path_shaking(0.2 * paths))
-
-
-@pytest.mark.parametrize(("hits", "n"), [(0, 10), (10, 10), (7, 10), (93, 100), (1, 3)])
-def test_wilson_interval(hits, n):
-    """Oracle: SciPy's."""
-    expected = stats.binomtest(hits, n).proportion_ci(0.95, method="wilson")
-    assert wilson_interval(np.arange(n) < hits) == pytest.approx((expected.low, expected.high), abs=1e-9)
-
-
-def test_wilson_interval_of_nothing():
-    assert np.isnan(wilson_interval([])).all()

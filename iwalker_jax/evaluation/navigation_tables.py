@@ -1,0 +1,65 @@
+"""Tables of closed-loop episodes: one row a policy and set of scenes, as text, Markdown and CSV."""
+
+from collections.abc import Mapping, Sequence
+
+from iwalker_jax.evaluation.navigation_metrics import EpisodeMetrics
+from iwalker_jax.evaluation.tables import Column, Table
+from iwalker_jax.navigation.task import Outcome
+
+COLUMNS = (
+    Column("success %", "episodes that ended standing at the last goal", 0, rate=True),
+    Column("collided %", "the body's volume touched an obstacle", 0, rate=True),
+    Column("fell %", "the robot fell", 0, rate=True),
+    Column("gave up %", "it stopped because it found no way", 0, rate=True),
+    Column("timed out %", "it was still on its way at the time limit", 0, rate=True),
+    Column("goals %", "goals reached of those asked for", 0),
+    Column("SPL", "success x shortest route / the longer of shortest route and way walked", 2),
+    Column("time s", "to the last goal, of the episodes that reached it", 1),
+    Column("walked m", "way of the base, without the sway of single steps", 2),
+    Column("speed m/s", "way walked by time", 3),
+    Column("clearance cm", "least distance between the body's volume and an obstacle", 1),
+    Column("torque %", "largest share of a motor's limit", 0),
+    Column("QP failed %", "ticks whose whole-body QP did not converge", 2),
+    Column("shaking cm", "from each new path, 0.5 m ahead, to the one before", 1),
+)
+_RATES = (
+    ("success %", (Outcome.REACHED,)),
+    ("collided %", (Outcome.COLLIDED,)),
+    ("fell %", (Outcome.FELL,)),
+    ("gave up %", (Outcome.GAVE_UP,)),
+    ("timed out %", (Outcome.TIMED_OUT, Outcome.RUNNING)),
+)
+
+
+def episode_values(metrics: EpisodeMetrics) -> dict[str, float]:
+    """Figures of one episode by column title; NaN where a column does not apply."""
+    rates = {title: 100.0 * (metrics.outcome in outcomes) for title, outcomes in _RATES}
+    return rates | {
+        "goals %": 100.0 * metrics.goals,
+        "SPL": metrics.spl,
+        "time s": metrics.seconds if metrics.success else float("nan"),
+        "walked m": metrics.walked,
+        "speed m/s": metrics.speed,
+        "clearance cm": 100.0 * metrics.clearance,
+        "torque %": 100.0 * metrics.torque_peak,
+        "QP failed %": 100.0 * metrics.qp_failures,
+        "shaking cm": 100.0 * metrics.shaking,
+    }
+
+
+def navigation_table(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]]) -> Table:
+    """The table of episodes grouped by (policy, set of scenes).
+
+    Rates are shown with Wilson's 95 % interval, everything else with its standard deviation over the episodes.
+    """
+    rows = tuple(
+        ((policy, scenes, str(len(episodes))), tuple(episode_values(metrics) for metrics in episodes))
+        for (policy, scenes), episodes in groups.items()
+    )
+    return Table(rows, ("policy", "scenes", "episodes"), COLUMNS, each="episode")
+
+
+def failures(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]]) -> dict[tuple[str, str], dict[Outcome, int]]:
+    """How often each kind of end occurred, by group; kinds that occurred nowhere are left out."""
+    kinds = [kind for kind in Outcome if any(m.outcome is kind for episodes in groups.values() for m in episodes)]
+    return {key: {kind: sum(m.outcome is kind for m in ms) for kind in kinds} for key, ms in groups.items()}

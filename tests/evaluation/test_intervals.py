@@ -1,0 +1,18 @@
+"""Intervals of rates against SciPy's."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from iwalker_jax.evaluation.intervals import wilson_interval
+
+
+@pytest.mark.parametrize(("hits", "n"), [(0, 10), (10, 10), (7, 10), (93, 100), (1, 3)])
+def test_wilson_interval(hits, n):
+    """Oracle: SciPy's."""
+    expected = stats.binomtest(hits, n).proportion_ci(0.95, method="wilson")
+    assert wilson_interval(np.arange(n) < hits) == pytest.approx((expected.low, expected.high), abs=1e-9)
+
+
+def test_wilson_interval_of_nothing():
+    assert np.isnan(wilson_interval([])).all()
