@@ -122,7 +122,8 @@ def draw_episode(axis, task: Task, episode: EpisodeRecord, by_time: bool = False
     axis.plot(path[:, 0], path[:, 1], "-", color="tab:cyan", linewidth=1.3, zorder=4)
     outcome = Outcome(int(episode.outcome[-1]))
     places = np.asarray(episode.base)[:, :2]
-    line = LineCollection(np.stack([places[:-1], places[1:]], axis=1), linewidths=1.9, capstyle="round", zorder=5)
+    pieces = list(np.stack([places[:-1], places[1:]], axis=1))
+    line = LineCollection(pieces, linewidths=1.9, capstyle="round", zorder=5)
     if by_time:
         line.set_array(np.asarray(episode.time)[1:])
         line.set_cmap("viridis")

@@ -22,7 +22,7 @@ def test_corners_lie_on_the_scenes_own_boundary():
 
 def test_footprints_are_the_places_where_a_foot_stands():
     held = np.repeat(np.array([[0.0, 0.1, 0.0], [0.2, 0.1, 0.0], [0.4, 0.1, 0.0]]), 5, axis=0)
-    swing = held[5:6] + [-0.1, 0.0, 0.03]
+    swing = held[5:6] + np.array([-0.1, 0.0, 0.03])
     foot = np.concatenate([held[:5], swing, held[5:]])
     np.testing.assert_array_equal(footprints(foot), [[0.0, 0.1], [0.2, 0.1], [0.4, 0.1]])
 
