@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Array, Float
-from mujoco import mjx
 
 from iwalker_jax.robot.contact_solver import ContactProblem
 from iwalker_jax.robot.dynamics import SmoothStages
+from iwalker_jax.robot.engine import mjx
 from iwalker_jax.robot.model import RobotModel
 
 _LEAST = float(mujoco.mjMINVAL)

@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Array, Float
-from mujoco import mjx
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.robot.engine import mjx
 from iwalker_jax.robot.limbs import Limbs
 from iwalker_jax.robot.skeleton import Skeleton, load_skeleton
 from iwalker_jax.robot.structure import (

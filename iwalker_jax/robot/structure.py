@@ -4,9 +4,9 @@ import jax
 import mujoco
 import numpy as np
 from jaxtyping import Float
-from mujoco import mjx
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.robot.engine import mjx
 from iwalker_jax.robot.limbs import Limbs
 
 

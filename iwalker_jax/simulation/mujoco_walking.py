@@ -39,14 +39,12 @@ def roll_out_mujoco(
         samples: recording intervals of `every` ticks.
     """
     count = conditions.friction.shape[0]
-    plan_axis = 0 if plan.yaws.ndim == 2 else None
-    think = jax.jit(jax.vmap(_think, in_axes=(None, 0, plan_axis, 0, 0)))
     robots = [_Robot(model, jax.tree.map(lambda leaf, k=k: leaf[k], conditions)) for k in range(count)]
-    mind = jax.jit(jax.vmap(start_mind, in_axes=(None, 0)))(walker, conditions)
+    mind = _start_minds(walker, conditions)
     records: list[Any] = []
     for tick in range(samples * every):
         felt_now = jax.tree.map(lambda *parts: np.stack(parts), *(robot.feel() for robot in robots))
-        mind, action, sample = think(walker, conditions, plan, mind, felt_now)
+        mind, action, sample = _think_all(walker, conditions, plan, mind, felt_now)
         torques, pushes, lying = (np.asarray(part) for part in action)
         for robot, torque, push, lies in zip(robots, torques, pushes, lying, strict=True):
             robot.move(torque, push, bool(lies))
@@ -83,6 +81,20 @@ def _think(
     after = jax.tree.map(lambda new, old: jnp.where(lies, old, new), after, mind)
     sample = make_sample(feeling.time, feeling.qpos, truth, after, decision, feeling.forces, lies)
     return after, (decision.torques, push_at(conditions, feeling.time), lies), sample
+
+
+@jax.jit
+def _think_all(
+    walker: Walker, conditions: Conditions, plan: FootstepPlan, minds: Mind, feelings: _Feeling
+) -> tuple[Mind, tuple[Array, Array, Array], Sample]:
+    """All robots' ticks; compiled once for each number of robots and of the plan's rows."""
+    plan_axis = 0 if plan.yaws.ndim == 2 else None
+    return jax.vmap(_think, in_axes=(None, 0, plan_axis, 0, 0))(walker, conditions, plan, minds, feelings)
+
+
+@jax.jit
+def _start_minds(walker: Walker, conditions: Conditions) -> Mind:
+    return jax.vmap(start_mind, in_axes=(None, 0))(walker, conditions)
 
 
 class _Robot:
