@@ -96,7 +96,7 @@ def render_frames(
     track = smooth_track(motion[:, :3], period)
     speed = np.linalg.norm(np.gradient(track[:, :2], period, axis=0), axis=1) if len(at) > 1 else np.zeros(1)
     data = mujoco.MjData(model)
-    with _open_renderer(model, settings) as renderer:
+    with open_renderer(model, settings) as renderer:
         scene = renderer.scene
         for i, now in enumerate(at):
             place(model, data, motion[i])
@@ -140,15 +140,8 @@ def draw_overlays(scene: mujoco.MjvScene, data: mujoco.MjData, overlays: Overlay
         add_forces(scene, data.xipos[1:2], overlays.pushes[row : row + 1], push=True)
 
 
-def _camera_of(model: mujoco.MjModel, name: str) -> int:
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
-    if index < 0:
-        names = ", ".join(model.camera(i).name for i in range(model.ncam)) or "it has none"
-        raise InputError(f"The model has no camera {name!r}; choose one of its cameras ({names}).")
-    return index
-
-
-def _open_renderer(model: mujoco.MjModel, settings: VideoSettings) -> mujoco.Renderer:
+def open_renderer(model: mujoco.MjModel, settings: VideoSettings) -> mujoco.Renderer:
+    """MuJoCo's offscreen renderer of the settings' size; InputError if there is nothing to draw with."""
     reason = missing_backend()
     if reason:
         raise InputError(NO_RENDERING.format(reason=reason))
@@ -160,6 +153,14 @@ def _open_renderer(model: mujoco.MjModel, settings: VideoSettings) -> mujoco.Ren
         return mujoco.Renderer(model, settings.height, settings.width)
     except Exception as error:  # every OpenGL backend fails with exceptions of its own
         raise InputError(NO_RENDERING.format(reason=" ".join(str(error).split()).rstrip("."))) from error
+
+
+def _camera_of(model: mujoco.MjModel, name: str) -> int:
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
+    if index < 0:
+        names = ", ".join(model.camera(i).name for i in range(model.ncam)) or "it has none"
+        raise InputError(f"The model has no camera {name!r}; choose one of its cameras ({names}).")
+    return index
 
 
 def _write_text(image: UInt8[np.ndarray, "height width 3"], lines: tuple[str, ...]) -> np.ndarray:

@@ -21,17 +21,7 @@ def scene_to_mjcf(scene: Scene) -> str:
             f'<geom name="ceiling" type="plane" size="0 0 1" pos="0 0 {scene.ceiling:.15g}" euler="{np.pi!r} 0 0" '
             'material="wall"/>'
         )
-    for i, (x, y, z, hx, hy, hz, yaw) in enumerate(scene.boxes.tolist()):
-        geoms.append(
-            f'<geom name="box{i}" type="box" pos="{x:.15g} {y:.15g} {z:.15g}" size="{hx:.15g} {hy:.15g} {hz:.15g}" '
-            f'euler="0 0 {yaw:.15g}" material="wall"/>'
-        )
-    for i, (x, y, z, radius, half) in enumerate(scene.cylinders.tolist()):
-        geoms.append(
-            f'<geom name="cylinder{i}" type="cylinder" pos="{x:.15g} {y:.15g} {z:.15g}" size="{radius:.15g} '
-            f'{half:.15g}" material="wall"/>'
-        )
-    body = "\n    ".join(geoms)
+    body = "\n    ".join([*geoms, *obstacle_geoms(scene)])
     return f"""<mujoco model="{scene.name}">
   <compiler angle="radian"/>
   <asset>
@@ -43,6 +33,22 @@ def scene_to_mjcf(scene: Scene) -> str:
   </worldbody>
 </mujoco>
 """
+
+
+def obstacle_geoms(scene: Scene) -> list[str]:
+    """MJCF elements of a scene's obstacles, angles in radians: geoms box0.., cylinder0... with the material wall."""
+    geoms = []
+    for i, (x, y, z, hx, hy, hz, yaw) in enumerate(scene.boxes.tolist()):
+        geoms.append(
+            f'<geom name="box{i}" type="box" pos="{x:.15g} {y:.15g} {z:.15g}" size="{hx:.15g} {hy:.15g} {hz:.15g}" '
+            f'euler="0 0 {yaw:.15g}" material="wall"/>'
+        )
+    for i, (x, y, z, radius, half) in enumerate(scene.cylinders.tolist()):
+        geoms.append(
+            f'<geom name="cylinder{i}" type="cylinder" pos="{x:.15g} {y:.15g} {z:.15g}" size="{radius:.15g} '
+            f'{half:.15g}" material="wall"/>'
+        )
+    return geoms
 
 
 def load_scene(scene: Scene) -> tuple[mujoco.MjModel, mujoco.MjData]:

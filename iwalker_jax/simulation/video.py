@@ -6,11 +6,12 @@ import math
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.simulation.filming import (
@@ -47,12 +48,44 @@ def write_video(
         InputError: as for `render_frames`, or a file that cannot be written; no broken file is left behind.
     """
     file = Path(file)
+    if _suffix(file) == ".gif":
+        settings = dataclasses.replace(settings, fps=100 / math.ceil(100 / settings.fps - 1e-6))
+    frames = render_frames(model, qpos, times, settings, overlays)
+    return write_frames(file, frames, settings.fps)
+
+
+def write_frames(
+    file: Path,
+    frames: Iterator[UInt8[np.ndarray, "height width 3"]],
+    fps: float,
+    codec: Literal["mp4v", "vp09"] = "mp4v",
+) -> int:
+    """Write RGB frames of one size as a video and return their number.
+
+    Args:
+        file: ends in .mp4 or .gif; its folder is created.
+        frames: at least one.
+        fps: frames a second.
+        codec: of an MP4: MPEG-4 is quick, VP9 takes ten times as long and is what browsers play.
+
+    Raises:
+        InputError: a file that cannot be written; no broken file is left behind.
+    """
+    file = Path(file)
+    if _suffix(file) == ".gif":
+        return _write_gif(_opened(file, frames), file, fps)
+    return _write_movie(_opened(file, frames), file, fps, codec)
+
+
+def _suffix(file: Path) -> str:
     suffix = file.suffix.lower()
     if suffix not in (".mp4", ".gif"):
         raise InputError(f"The video {file} ends in {suffix!r}; use .mp4 or .gif.")
-    if suffix == ".gif":
-        settings = dataclasses.replace(settings, fps=100 / math.ceil(100 / settings.fps - 1e-6))
-    frames = render_frames(model, qpos, times, settings, overlays)
+    return suffix
+
+
+def _opened(file: Path, frames: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
+    """The frames, once the first is drawn and the file is there."""
     # The first frame shows what is wrong with motion, camera or OpenGL before a file is opened.
     frames = itertools.chain([next(frames)], frames)
     try:
@@ -60,7 +93,7 @@ def write_video(
         file.open("wb").close()
     except OSError as error:
         raise InputError(f"The video {file} cannot be written ({error.strerror}); choose another place.") from error
-    return _write_gif(file, frames, settings) if suffix == ".gif" else _write_movie(file, frames, settings)
+    return frames
 
 
 def show(
@@ -96,22 +129,23 @@ def show(
             time.sleep(1 / 60)
 
 
-def _write_movie(file: Path, frames: Iterator[np.ndarray], settings: VideoSettings) -> int:
-    # MPEG-4 is what the OpenCV of the package index can encode; it has no H.264.
-    codec = cv2.VideoWriter.fourcc(*"mp4v")
-    writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, codec, settings.fps, (settings.width, settings.height))
+def _write_movie(frames: Iterator[np.ndarray], file: Path, fps: float, codec: str) -> int:
+    # What the OpenCV of the package index can encode; it has no H.264.
+    first = next(frames)
+    size = (first.shape[1], first.shape[0])
+    writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), fps, size)
     if not writer.isOpened():
         file.unlink()
         raise InputError(f"This OpenCV cannot encode {file}; use the suffix .gif.")
     count = 0
-    for image in frames:
+    for image in itertools.chain([first], frames):
         writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
         count += 1
     writer.release()
     return count
 
 
-def _write_gif(file: Path, frames: Iterator[np.ndarray], settings: VideoSettings) -> int:
+def _write_gif(frames: Iterator[np.ndarray], file: Path, fps: float) -> int:
     """One palette for all frames, taken from the first: quick, small and without flicker."""
     from PIL import Image
 
@@ -124,6 +158,6 @@ def _write_gif(file: Path, frames: Iterator[np.ndarray], settings: VideoSettings
             count += 1
             yield Image.fromarray(image).quantize(palette=first, dither=Image.Dither.NONE)
 
-    duration = round(1000 / settings.fps)
+    duration = round(1000 / fps)
     first.save(file, save_all=True, append_images=others(), duration=duration, loop=0, optimize=False)
     return count
