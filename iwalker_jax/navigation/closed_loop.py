@@ -1,0 +1,355 @@
+"""Camera, planner, walking and physics as one pure function: an episode in which the robot walks to its goals.
+
+Three clocks: every control tick the whole body is controlled and the physics steps (500 Hz); several times a camera
+frame it is seen whether a step has begun, and then the footsteps are planned anew (about 4 Hz); every frame (about
+15 Hz) depth is rendered from where the camera really is and the path is planned anew from where the robot believes
+to be.
+"""
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Array, Bool, Float, Int
+
+from iwalker_jax.control.footstep_plan import FootstepPlan
+from iwalker_jax.control.gait import STAND, WALK
+from iwalker_jax.errors import InputError
+from iwalker_jax.estimation import estimated_qpos_qvel
+from iwalker_jax.navigation.camera import RobotCamera, base_pose, camera_in_world, measured_mount
+from iwalker_jax.navigation.camera_health import CameraHealth, HealthRules, check_camera, healthy_camera
+from iwalker_jax.navigation.faults import Faults, obstacles_at, within
+from iwalker_jax.navigation.guide import Guidance, GuideRules, Sight, blank_guidance, guide
+from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, remembered
+from iwalker_jax.navigation.step_planning import PursuitRules, Stance, plan_steps, stop_steps
+from iwalker_jax.navigation.task import EpisodeRecord, Outcome, TaskArrays
+from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.planning.planner import Planner
+from iwalker_jax.robot.rigid_body import rigid_body_terms
+from iwalker_jax.simulation.body_volume import BodyVolume, body_clearance_at
+from iwalker_jax.simulation.depth_noise import DepthNoise, add_depth_noise
+from iwalker_jax.simulation.ray_casting import render_depth
+from iwalker_jax.simulation.walking import Conditions, Sample, Walker, WalkState, start_walk, walk_tick
+
+
+@dataclass(frozen=True)
+class LoopRules:
+    """Clocks and ends of an episode.
+
+    Attributes:
+        ticks: control ticks from a look at the footsteps to the next; looks: such looks in a camera frame.
+        arrival: [m] distance from which a goal counts as reached.
+        patience: [s] without `progress` [m] of displacement after which the robot gives up.
+        progress: see there.
+    """
+
+    ticks: int = 11
+    looks: int = 3
+    arrival: float = 0.30
+    patience: float = 15.0
+    progress: float = 0.30
+
+    def __post_init__(self) -> None:
+        if self.ticks < 1 or self.looks < 1 or not (self.arrival > 0 and self.patience > 0 and self.progress > 0):
+            raise InputError("LoopRules needs at least one tick and look, and positive distances and times.")
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Navigator:
+    """A robot with everything that makes it find its way.
+
+    Attributes:
+        walker: the walking robot.
+        camera: on it; volume: of its body.
+        planner: parameters of the networks and graph: their structure.
+        guidance, pursuit: how paths and footsteps come about; no pursuit takes the networks' output as it is.
+        noise: of the depth camera; None for ideal depth.
+        intrinsics: of its images.
+        loop, health: clocks and ends, and when the camera counts as failed.
+    """
+
+    walker: Walker
+    camera: RobotCamera
+    volume: BodyVolume
+    planner: Any
+    graph: nnx.GraphDef = field(metadata={"static": True})
+    guidance: GuideRules = field(metadata={"static": True}, default=GuideRules())
+    pursuit: PursuitRules | None = field(metadata={"static": True}, default=PursuitRules())
+    noise: DepthNoise | None = field(metadata={"static": True}, default=DepthNoise())
+    intrinsics: Intrinsics = field(metadata={"static": True}, default=Intrinsics())
+    loop: LoopRules = field(metadata={"static": True}, default=LoopRules())
+    health: HealthRules = field(metadata={"static": True}, default=HealthRules())
+
+    @property
+    def frame_time(self) -> float:
+        """[s] between two camera frames."""
+        return self.loop.ticks * self.loop.looks * self.walker.controller.time_step
+
+
+class LoopState(NamedTuple):
+    """Everything that an episode carries from frame to frame.
+
+    Attributes:
+        walk: the walking robot; frozen once the episode has ended.
+        plan: its footsteps; planned_at: gait step since when; stopping: whether they end in standing.
+        memory, guidance, health: of the planner.
+        goal: index of the present goal.
+        outcome: `Outcome` so far.
+        anchor: (3,) x, y [m] and time [s] of the last progress.
+        key: of the depth noise.
+    """
+
+    walk: WalkState
+    plan: FootstepPlan
+    planned_at: Int[Array, ""]
+    stopping: Bool[Array, ""]
+    memory: MapMemory
+    guidance: Guidance
+    health: CameraHealth
+    goal: Int[Array, ""]
+    outcome: Int[Array, ""]
+    anchor: Float[Array, "3"]
+    key: Array
+
+
+class Wish(NamedTuple):
+    """What the footsteps are for during a frame: follow the guidance, or stop."""
+
+    guidance: Guidance
+    stop: Bool[Array, ""]
+
+
+def start_episode(navigator: Navigator, task: TaskArrays, conditions: Conditions) -> LoopState:
+    """The robot standing at the task's start, knowing nothing of the scene.
+
+    Args:
+        conditions: what it meets; its start state is moved to the task's start (see `place_at`).
+    """
+    walk = start_walk(navigator.walker, conditions)
+    dtype = conditions.qpos.dtype
+    geometry = _planner(navigator).istepper.geometry
+    plan = FootstepPlan(
+        jnp.zeros((geometry.count, 2), dtype),
+        jnp.zeros(geometry.count, dtype),
+        jnp.zeros((), jnp.int32),
+        jnp.zeros((), jnp.int32),
+    )
+    base = _believed_base(navigator, walk)[0]
+    shape = (navigator.intrinsics.height, navigator.intrinsics.width)
+    none = jnp.zeros((), jnp.int32)
+    return LoopState(
+        walk=walk,
+        plan=plan,
+        planned_at=none - 1,
+        stopping=jnp.asarray(False),
+        memory=empty_memory(navigator.guidance.memory, base[:2]),
+        guidance=blank_guidance(base, task.goals[0]),
+        health=healthy_camera(shape, dtype),
+        goal=none,
+        outcome=none + int(Outcome.RUNNING),
+        anchor=jnp.append(base[:2], 0.0),
+        key=jax.random.fold_in(conditions.key, 1),
+    )
+
+
+def camera_frame(
+    navigator: Navigator, task: TaskArrays, conditions: Conditions, faults: Faults, state: LoopState, images: bool
+) -> tuple[LoopState, EpisodeRecord]:
+    """One camera frame of an episode: see, plan, and walk until the next one.
+
+    Args:
+        faults: of camera, odometry and scene.
+        images: whether to record depth and map (static).
+    """
+    running = state.outcome == Outcome.RUNNING
+    time = state.walk.physics.time
+    scene = obstacles_at(faults, task.scene, time)
+    conditions = conditions._replace(images_lost=within(faults.odometry, time))
+    believed, mount, speed = _believed_base(navigator, state.walk)
+    depth, key = _see(navigator, scene, faults, state)
+    health = check_camera(navigator.health, state.health, depth, speed)
+    state = state._replace(key=key, health=health)
+
+    goal, arrived = _next_goal(navigator, task, state.goal, believed)
+    seeing = Sight(depth, mount, believed, task.goals[goal])
+    planner = navigator.graph, navigator.planner
+    memory, guidance = guide(navigator.guidance, planner, navigator.intrinsics, state.memory, seeing)
+    state = state._replace(goal=goal, memory=memory, guidance=guidance)
+
+    anchor, lost = _progress(navigator.loop, state.anchor, believed, time)
+    wish = Wish(guidance, health.failed | arrived | lost)
+    state = state._replace(anchor=anchor)
+    look = partial(_walk_on, navigator, scene, conditions, wish)
+    state, (samples, clearances) = jax.lax.scan(look, state, None, length=navigator.loop.looks)
+
+    stands = state.walk.mind.controller.gait.mode == STAND
+    outcome = state.outcome
+    for ended, meaning in (
+        (time >= task.time_limit, Outcome.TIMED_OUT),
+        (lost & stands, Outcome.GAVE_UP),
+        (arrived & stands, Outcome.REACHED),
+        (state.walk.fallen, Outcome.FELL),
+        (jnp.min(clearances) < 0, Outcome.COLLIDED),
+    ):
+        outcome = jnp.where(running & ended, int(meaning), outcome)
+    # An ended episode is frozen, so that it costs its neighbours nothing and can be looked at as it ended.
+    ended = outcome != Outcome.RUNNING
+    state = state._replace(outcome=outcome, walk=state.walk._replace(fallen=state.walk.fallen | ended))
+    record = _record(navigator, state, believed, wish, samples, jnp.min(clearances), depth if images else None)
+    return state, record
+
+
+def run_episode(
+    navigator: Navigator,
+    task: TaskArrays,
+    conditions: Conditions,
+    faults: Faults,
+    state: LoopState,
+    frames: int,
+    images: bool = False,
+) -> tuple[LoopState, EpisodeRecord]:
+    """Camera frames of one episode, one after the other; vmap over task, conditions, faults and state for many."""
+
+    def step(state: LoopState, _: None) -> tuple[LoopState, EpisodeRecord]:
+        return camera_frame(navigator, task, conditions, faults, state, images)
+
+    return jax.lax.scan(step, state, None, length=frames)
+
+
+def _planner(navigator: Navigator) -> Planner:
+    return nnx.merge(navigator.graph, navigator.planner)
+
+
+def _believed_state(navigator: Navigator, walk: WalkState) -> tuple[Array, Array]:
+    sensing = walk.mind.sensing
+    if navigator.walker.noise is None or sensing is None:
+        return walk.physics.qpos, walk.physics.qvel
+    return estimated_qpos_qvel(sensing.estimate)
+
+
+def _believed_base(navigator: Navigator, walk: WalkState) -> tuple[Array, Array, Array]:
+    """Pose of the base frame, camera mount in it, and speed [m/s], as the robot believes."""
+    qpos, qvel = _believed_state(navigator, walk)
+    terms = rigid_body_terms(navigator.walker.robot, qpos, qvel)
+    rotation, position = camera_in_world(navigator.camera, qpos)
+    base = base_pose(rotation, terms.com)
+    speed = jnp.sqrt(jnp.sum(terms.com_velocity[:2] ** 2) + 1e-12)
+    return base, measured_mount(rotation, position, base), speed
+
+
+def _see(navigator: Navigator, scene: Any, faults: Faults, state: LoopState) -> tuple[Array, Array]:
+    """Depth [m] as the camera delivers it, and the key of the next frame's noise."""
+    key, own = jax.random.split(state.key)
+    rotation, position = camera_in_world(navigator.camera, state.walk.physics.qpos)
+    depth = render_depth(scene, navigator.intrinsics, rotation, position)
+    if navigator.noise is not None:
+        depth = add_depth_noise(own, depth, navigator.noise, navigator.intrinsics)
+    time = state.walk.physics.time
+    depth = jnp.where(within(faults.blind, time), 0.0, depth)
+    return jnp.where(within(faults.frozen, time), state.health.last, depth), key
+
+
+def _next_goal(navigator: Navigator, task: TaskArrays, goal: Array, believed: Array) -> tuple[Array, Array]:
+    """Index of the goal to walk to, and whether the last one is reached."""
+    near = jnp.sum((task.goals[goal] - believed[:2]) ** 2) < navigator.loop.arrival**2
+    last = goal >= task.goal_count - 1
+    return jnp.where(near & ~last, goal + 1, goal), near & last
+
+
+def _progress(loop: LoopRules, anchor: Array, believed: Array, time: Array) -> tuple[Array, Array]:
+    """The place and time of the last progress, and whether there has been none for too long."""
+    moved = jnp.sum((believed[:2] - anchor[:2]) ** 2) > loop.progress**2
+    anchor = jnp.where(moved, jnp.append(believed[:2], time), anchor)
+    return anchor, time - anchor[2] > loop.patience
+
+
+def _walk_on(
+    navigator: Navigator, scene: Any, conditions: Conditions, wish: Wish, state: LoopState, _: None
+) -> tuple[LoopState, tuple[Sample, Array]]:
+    """Plan footsteps if a step has begun, walk some ticks, and measure the clearance."""
+    state = _with_footsteps(navigator, wish, state)
+
+    def tick(walk: WalkState, _: None) -> tuple[WalkState, Sample]:
+        return walk_tick(navigator.walker, conditions, state.plan, walk)
+
+    walk, samples = jax.lax.scan(tick, state.walk, None, length=navigator.loop.ticks)
+    clearance = body_clearance_at(navigator.walker.robot, navigator.volume, scene, walk.physics.qpos)
+    return state._replace(walk=walk), (samples, clearance)
+
+
+def _with_footsteps(navigator: Navigator, wish: Wish, state: LoopState) -> LoopState:
+    """The state with new footsteps, if a step has begun or a standing robot is to go."""
+    gait = state.walk.mind.controller.gait
+    stands = gait.mode == STAND
+    begun = (gait.mode == WALK) & (gait.step != state.planned_at) & ~state.stopping
+    go = stands & ~wish.stop
+    terms = rigid_body_terms(navigator.walker.robot, *_believed_state(navigator, state.walk))
+    forward = terms.foot_rotations[:, :, 0]
+    yaws = jnp.arctan2(forward[:, 1], forward[:, 0])
+    stance = Stance(
+        com=terms.com[:2],
+        com_velocity=terms.com_velocity[:2],
+        foot=terms.foot_positions[gait.stance, :2],
+        yaw=yaws[gait.stance],
+        left=gait.stance == 1,
+        time=gait.time,
+    )
+    istepper = _planner(navigator).istepper
+    follow = plan_steps(navigator.pursuit, istepper, wish.guidance.path, wish.guidance.look, stance)
+    stop = stop_steps(istepper.geometry.count, istepper.geometry.width, stance)
+    ends = begun & wish.stop
+    new = begun | go
+    chosen = jax.tree.map(lambda a, b: jnp.where(ends, a, b), stop, follow)
+    plan = jax.tree.map(lambda a, b: jnp.where(new, a, b), chosen, state.plan)
+    # The gait counts its steps along the plan and moves plans that it cannot keep; a new plan starts at the robot.
+    gait = gait._replace(
+        step=jnp.where(new, 0, gait.step),
+        offset=jnp.where(new, 0.0, gait.offset),
+    )
+    mind = state.walk.mind
+    mind = mind._replace(controller=mind.controller._replace(gait=gait))
+    return state._replace(
+        plan=plan,
+        planned_at=jnp.where(new, 0, state.planned_at),
+        stopping=jnp.where(new, ends, state.stopping & ~stands),
+        walk=state.walk._replace(mind=mind),
+    )
+
+
+def _record(
+    navigator: Navigator,
+    state: LoopState,
+    believed: Array,
+    wish: Wish,
+    samples: Sample,
+    clearance: Array,
+    depth: Array | None,
+) -> EpisodeRecord:
+    physics = state.walk.physics
+    R_world_camera, _ = camera_in_world(navigator.camera, physics.qpos)
+    base = base_pose(R_world_camera, samples.com[-1, -1])
+    occupied = jnp.zeros((0, 0), bool)
+    if depth is not None:
+        occupied, _ = remembered(navigator.guidance.memory, state.memory)
+    share = jnp.max(samples.torques / navigator.walker.controller.actuation.limits)
+    return EpisodeRecord(
+        time=physics.time,
+        outcome=state.outcome,
+        goal=state.goal,
+        qpos=physics.qpos,
+        base=base,
+        believed=believed,
+        feet=samples.feet[-1, -1],
+        path=wish.guidance.path,
+        footsteps=state.plan.positions,
+        clearance=clearance,
+        stopped=wish.stop,
+        torque_share=share,
+        qp_failures=jnp.sum(samples.qp_failures),
+        depth=jnp.zeros((0, 0), jnp.float16) if depth is None else depth.astype(jnp.float16),
+        occupied=occupied,
+    )

@@ -1,0 +1,159 @@
+"""Many episodes: one compiled program for a group of robots and a stretch of time, over all devices."""
+
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.navigation.closed_loop import LoopState, Navigator, run_episode, start_episode
+from iwalker_jax.navigation.faults import Faults, make_faults
+from iwalker_jax.navigation.navigators import frames_of, place_at
+from iwalker_jax.navigation.task import EpisodeRecord, Outcome, Task, TaskArrays, stack_tasks
+from iwalker_jax.simulation.walk_setup import Disturbances, sample_conditions
+from iwalker_jax.simulation.walking import Conditions
+
+_CHUNK = 2.0  # [s] of simulated time in one call
+
+
+class EpisodeProgram:
+    """Episodes of one navigator, compiled once; runs of any number of tasks are made of groups of one width."""
+
+    def __init__(
+        self,
+        navigator: Navigator,
+        width: int,
+        devices: int | None = None,
+        images: bool = False,
+        disturbances: Disturbances = Disturbances(),
+    ) -> None:
+        """Decide the shapes; the compilation comes with the first run.
+
+        Args:
+            navigator: who walks.
+            width: episodes at a time; rounded up to a multiple of the devices.
+            devices: number of devices, all by default.
+            images: record depth and map of every frame.
+            disturbances: from which each robot's friction, mass and start are drawn.
+        """
+        present = jax.devices()
+        count = len(present) if devices is None else devices
+        if not 1 <= count <= len(present):
+            raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.devices().")
+        if width < 1:
+            raise InputError(f"Groups of {width} episodes were asked for; give at least 1.")
+        self.width = -(-width // count) * count
+        self.frames = max(1, round(_CHUNK / navigator.frame_time))
+        self.compile_seconds, self.run_seconds = 0.0, 0.0
+        self._mesh = Mesh(np.array(present[:count]), ("episodes",))
+        self._images, self._disturbances = images, disturbances
+        self.navigator = jax.device_put(navigator, NamedSharding(self._mesh, PartitionSpec()))
+        self._chunk: Callable[..., tuple[LoopState, EpisodeRecord]] | None = None
+        self._start: Callable[..., LoopState] | None = None
+
+    def run(
+        self,
+        tasks: Sequence[Task],
+        seed: int = 0,
+        faults: Sequence[Faults] | None = None,
+        on_progress: Callable[[float, int], None] = lambda seconds, running: None,
+    ) -> EpisodeRecord:
+        """Walk all tasks to their ends; task k meets the conditions of robot k of the seed.
+
+        Args:
+            tasks: to walk; group after group.
+            seed: of conditions, sensors and depth noise.
+            faults: one a task; none by default.
+            on_progress: hears of the robot-seconds simulated so far, and of the episodes still running in the group.
+
+        Returns:
+            NumPy record, batch first, as long as the longest episode.
+        """
+        if not tasks:
+            raise InputError("No tasks were given; give at least one.")
+        if faults is not None and len(faults) != len(tasks):
+            raise InputError(f"{len(tasks)} tasks came with {len(faults)} faults; give one each, or none at all.")
+        rules = self.navigator.walker
+        conditions = sample_conditions(rules.robot, self._disturbances, len(tasks), seed)
+        troubles = [make_faults()] * len(tasks) if faults is None else list(faults)
+        parts: list[EpisodeRecord] = []
+        done = 0.0
+        for first in range(0, len(tasks), self.width):
+            chosen = np.minimum(first + np.arange(self.width), len(tasks) - 1)
+            own = min(self.width, len(tasks) - first)
+            arrays = stack_tasks([tasks[k] for k in chosen])
+            met = place_at(jax.tree.map(lambda leaf, rows=chosen: leaf[rows], conditions), arrays.start)
+            wrong = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[troubles[k] for k in chosen])
+            record = self._group(arrays, met, wrong, partial(_report, on_progress, done, own))
+            parts.append(jax.tree.map(lambda leaf, rows=own: leaf[:rows], record))
+            done += own * record.time.shape[1] * self.navigator.frame_time
+        longest = max(part.time.shape[1] for part in parts)
+        parts = [jax.tree.map(lambda leaf: _lengthened(leaf, longest), part) for part in parts]
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+    def _group(
+        self,
+        tasks: TaskArrays,
+        conditions: Conditions,
+        faults: Faults,
+        on_progress: Callable[[float, int], None],
+    ) -> EpisodeRecord:
+        began = time.perf_counter()
+        tasks, conditions, faults = jax.device_put(
+            (tasks, conditions, faults), NamedSharding(self._mesh, PartitionSpec("episodes"))
+        )
+        state = self._started(tasks, conditions)
+        chunk = self._compiled(tasks, conditions, faults, state)
+        self.compile_seconds += time.perf_counter() - began
+        began = time.perf_counter()
+        records: list[EpisodeRecord] = []
+        wanted = frames_of(self.navigator, tasks)
+        while sum(record.time.shape[1] for record in records) < wanted:
+            state, record = chunk(self.navigator, tasks, conditions, faults, state)
+            records.append(jax.tree.map(np.asarray, record))
+            running = int(np.sum(records[-1].outcome[:, -1] == Outcome.RUNNING))
+            on_progress(len(records) * self.frames * self.navigator.frame_time, running)
+            if running == 0:
+                break
+        self.run_seconds += time.perf_counter() - began
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=1), *records)
+
+    def _started(self, tasks: TaskArrays, conditions: Conditions) -> LoopState:
+        if self._start is None:
+            many = jax.vmap(start_episode, in_axes=(None, 0, 0))
+            self._start = jax.jit(many, out_shardings=NamedSharding(self._mesh, PartitionSpec("episodes")))
+        return self._start(self.navigator, tasks, conditions)
+
+    def _compiled(self, *arguments: Any) -> Callable[..., tuple[LoopState, EpisodeRecord]]:
+        if self._chunk is None:
+
+            def chunk(navigator: Navigator, *group: Any) -> tuple[LoopState, EpisodeRecord]:
+                return jax.vmap(partial(run_episode, navigator, frames=self.frames, images=self._images))(*group)
+
+            everywhere, split = PartitionSpec(), PartitionSpec("episodes")
+            if self._mesh.size > 1:
+                chunk = jax.shard_map(
+                    chunk,
+                    mesh=self._mesh,
+                    in_specs=(everywhere, split, split, split, split),
+                    out_specs=split,
+                    check_vma=False,
+                )
+            self._chunk = jax.jit(chunk).lower(self.navigator, *arguments).compile()
+        return self._chunk
+
+
+def _lengthened(leaf: np.ndarray, length: int) -> np.ndarray:
+    """A record's leaf with its last frame repeated up to a length."""
+    missing = length - leaf.shape[1]
+    return leaf if missing == 0 else np.concatenate([leaf, np.repeat(leaf[:, -1:], missing, axis=1)], axis=1)
+
+
+def _report(on_progress: Callable[[float, int], None], done: float, own: int, seconds: float, running: int) -> None:
+    """Progress within a group of `own` episodes, after `done` robot-seconds of earlier ones."""
+    on_progress(done + own * seconds, min(running, own))

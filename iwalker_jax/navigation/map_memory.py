@@ -1,0 +1,117 @@
+"""A short memory of what the camera saw: a window of the floor that moves with the robot, its axes the world's.
+
+Single frames show nothing beside and behind the robot. Each frame adds evidence for occupied and for free cells; what
+is seen to be free again is forgotten, so obstacles may move. The window shifts by whole cells, so nothing is ever
+resampled twice.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.navigation.camera import to_base
+from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
+
+_LARGEST_SHIFT = 8  # cells between two frames; a robot that believes to have jumped farther starts afresh
+
+
+@dataclass(frozen=True)
+class MemoryRules:
+    """Size of the window and how evidence adds up.
+
+    Attributes:
+        resolution: [m] side of a cell; cells: of a side of the window.
+        occupied, free: evidence of one frame.
+        limit: largest evidence in size, so that a cell can change its mind within a few frames.
+        decided: evidence from which a cell counts as occupied, or, negative, as free.
+        fade: share of the evidence that is forgotten at each frame.
+    """
+
+    resolution: float = DEFAULT_GRID.resolution
+    cells: int = 160
+    occupied: float = 1.0
+    free: float = 0.7
+    limit: float = 4.0
+    decided: float = 0.9
+    fade: float = 0.001
+
+    def __post_init__(self) -> None:
+        if self.cells < 2 * _LARGEST_SHIFT or self.cells % 2 or not self.resolution > 0:
+            raise InputError(f"The map memory needs an even number of cells, at least {2 * _LARGEST_SHIFT}.")
+        if not 0 < self.decided <= self.limit or not 0 <= self.fade < 1 or min(self.occupied, self.free) <= 0:
+            raise InputError("The map memory needs 0 < decided <= limit, positive evidence and 0 <= fade < 1.")
+
+    @property
+    def grid(self) -> GridSpec:
+        """Where the window's cells lie relative to its middle."""
+        half = self.cells // 2 * self.resolution
+        return GridSpec(-half, -half, self.resolution, self.cells, self.cells)
+
+
+class MapMemory(NamedTuple):
+    """Evidence about the cells of the window.
+
+    Attributes:
+        evidence: (cells, cells), positive for occupied.
+        middle: (2,) int32, world cell at the window's middle (its lower corner lies there).
+    """
+
+    evidence: Float[Array, "n n"]
+    middle: Int[Array, "2"]
+
+
+def empty_memory(rules: MemoryRules, xy: Float[Array, "2"]) -> MapMemory:
+    """Nothing known around a place [m]."""
+    return MapMemory(jnp.zeros((rules.cells, rules.cells), xy.dtype), _cell(rules, xy))
+
+
+def window_origin(rules: MemoryRules, memory: MapMemory) -> Float[Array, "2"]:
+    """World position [m] of the window's middle: subtract it from world points to sample on `MemoryRules.grid`."""
+    return memory.middle.astype(memory.evidence.dtype) * rules.resolution
+
+
+def remember(
+    rules: MemoryRules,
+    memory: MapMemory,
+    base: Float[Array, "3"],
+    occupied: Bool[Array, "rows columns"],
+    known_free: Bool[Array, "rows columns"],
+    grid: GridSpec = DEFAULT_GRID,
+) -> MapMemory:
+    """Memory moved to the robot's place and updated with one frame's map.
+
+    Args:
+        base: (x, y, yaw) of the base frame in the world.
+        occupied, known_free: of the frame, on `grid` in the base frame.
+    """
+    middle = _cell(rules, base[:2])
+    evidence = _shifted(memory.evidence, middle - memory.middle) * (1 - rules.fade)
+    centres = rules.grid.centres() + middle.astype(base.dtype) * rules.resolution
+    cell = jnp.round(grid.cell_coordinates(to_base(base, centres))).astype(jnp.int32)
+    inside = jnp.all((cell >= 0) & (cell < jnp.asarray(grid.shape)), axis=-1)
+    index = jnp.where(inside, cell[..., 0] * grid.columns + cell[..., 1], 0)
+    seen = rules.occupied * occupied - rules.free * known_free
+    change = jnp.where(inside, seen.reshape(-1)[index], 0.0)
+    return MapMemory(jnp.clip(evidence + change, -rules.limit, rules.limit).astype(memory.evidence.dtype), middle)
+
+
+def remembered(rules: MemoryRules, memory: MapMemory) -> tuple[Bool[Array, "n n"], Bool[Array, "n n"]]:
+    """(occupied, unknown) cells of the window."""
+    occupied = memory.evidence >= rules.decided
+    return occupied, jnp.abs(memory.evidence) < min(rules.decided, rules.free)
+
+
+def _cell(rules: MemoryRules, xy: Float[Array, "2"]) -> Int[Array, "2"]:
+    return jnp.round(xy / rules.resolution).astype(jnp.int32)
+
+
+def _shifted(evidence: Float[Array, "n n"], shift: Int[Array, "2"]) -> Float[Array, "n n"]:
+    """The window's content seen from a middle that lies `shift` cells farther on."""
+    padded = jnp.pad(evidence, _LARGEST_SHIFT)
+    start = jnp.clip(shift + _LARGEST_SHIFT, 0, 2 * _LARGEST_SHIFT)
+    moved = jax.lax.dynamic_slice(padded, (start[0], start[1]), evidence.shape)
+    return jnp.where(jnp.all(jnp.abs(shift) <= _LARGEST_SHIFT), moved, 0.0)

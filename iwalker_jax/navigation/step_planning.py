@@ -1,0 +1,174 @@
+"""From a path to the next footsteps: a centre line the robot can turn along, then iStepper, or turning on the spot."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from iwalker_jax.control.footstep_plan import FootstepPlan
+from iwalker_jax.control.gait import angle_between
+from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.splines import arc_length, interpolate_along, resample_by_arc_length
+from iwalker_jax.navigation.camera import to_base, to_world
+from iwalker_jax.planning.istepper import IStepper
+from iwalker_jax.planning.planner import PATH_POINTS
+from iwalker_jax.planning.robot_state import RobotState, StepGeometry
+
+
+@dataclass(frozen=True)
+class PursuitRules:
+    """How sharply the robot turns towards a path.
+
+    Attributes:
+        lookahead: [m] along the path to the point that the robot heads for.
+        turn: [rad] largest change of heading in one step.
+        on_the_spot: [rad] angle to the path from which the robot turns on the spot.
+        short: [m] length of path below which there is nowhere to go.
+        facing: [rad] angle to the point to look at below which the robot need not turn.
+    """
+
+    lookahead: float = 0.30
+    turn: float = 0.20
+    on_the_spot: float = 0.7
+    short: float = 0.06
+    facing: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not (self.lookahead > 0 and 0 < self.turn < 1 and 0 < self.on_the_spot < 3 and self.short > 0):
+            raise InputError("PursuitRules needs positive numbers, turn below 1 rad and on_the_spot below 3 rad.")
+
+
+class Stance(NamedTuple):
+    """Where the next steps start from, world frame.
+
+    Attributes:
+        com, com_velocity: (2,) [m, m/s].
+        foot: (2,) [m] and yaw: () [rad] of the stance foot.
+        left: () bool, the stance foot is the left one.
+        time: () [s] since the last touchdown.
+    """
+
+    com: Float[Array, "2"]
+    com_velocity: Float[Array, "2"]
+    foot: Float[Array, "2"]
+    yaw: Float[Array, ""]
+    left: Bool[Array, ""]
+    time: Float[Array, ""]
+
+
+class Course(NamedTuple):
+    """A centre line for the next steps.
+
+    Attributes:
+        centres: (m + 1, 2) [m] world and headings: (m + 1,) [rad], the present ones first.
+        turning: () bool, on the spot.
+    """
+
+    centres: Float[Array, "m1 2"]
+    headings: Float[Array, " m1"]
+    turning: Bool[Array, ""]
+
+
+def pursue(
+    rules: PursuitRules,
+    steps: StepGeometry,
+    path: Float[Array, "k 2"],
+    look: Float[Array, "2"],
+    centre: Float[Array, "2"],
+    heading: Float[Array, ""],
+) -> Course:
+    """Pure pursuit of a path with bounded turns, one point a step.
+
+    Args:
+        path: (k, 2) [m] world; look: (2,) [m] where to face if the path is short.
+        centre: (2,) [m] middle between the feet's tracks; heading: () [rad].
+    """
+    lengths = arc_length(path)
+    long = lengths[-1] > rules.short
+
+    def bearing(at: Float[Array, "2"], towards: Float[Array, ""]) -> tuple[Array, Array]:
+        """Angle to turn by, and the way left, at a place."""
+        nearest = jnp.argmin(jnp.sum((path - at) ** 2, axis=-1))
+        ahead = interpolate_along(lengths, path, (lengths[nearest] + rules.lookahead)[None])[0]
+        left_over = lengths[-1] - lengths[nearest]
+        target = jnp.where(long, ahead, look)
+        offset = target - at
+        # So near its end the path has no direction any more: keep the heading.
+        near = jnp.sum(offset**2) < 0.05**2
+        return jnp.where(near, 0.0, angle_between(jnp.arctan2(offset[1], offset[0]), towards)), left_over
+
+    first, _ = bearing(centre, heading)
+    turning = jnp.abs(first) > jnp.where(long, rules.on_the_spot, rules.facing)
+
+    def step(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        at, yaw = carry
+        error, left_over = bearing(at, yaw)
+        moves = ~turning & long
+        turn = jnp.clip(error, -rules.turn, rules.turn) * (turning | moves)
+        advance = jnp.where(moves, jnp.minimum(steps.length, left_over), 0.0)
+        middle = yaw + turn / 2
+        at = at + advance * jnp.stack([jnp.cos(middle), jnp.sin(middle)])
+        return (at, yaw + turn), (at, yaw + turn)
+
+    _, (centres, headings) = jax.lax.scan(step, (centre, heading), None, length=steps.count)
+    return Course(jnp.concatenate([centre[None], centres]), jnp.concatenate([heading[None], headings]), turning)
+
+
+def beside(course: Course, left_first: Bool[Array, ""], width: float) -> Float[Array, "m 2"]:
+    """Footsteps [m] beside the centre line, left and right in turn."""
+    count = course.headings.shape[0] - 1
+    left = (jnp.arange(count) % 2 == 0) == left_first
+    side = jnp.where(left, 1.0, -1.0).astype(course.centres.dtype)[:, None]
+    yaw = course.headings[1:]
+    return course.centres[1:] + side * width / 2 * jnp.stack([-jnp.sin(yaw), jnp.cos(yaw)], axis=-1)
+
+
+def plan_steps(
+    rules: PursuitRules | None,
+    istepper: IStepper,
+    path: Float[Array, "k 2"],
+    look: Float[Array, "2"],
+    stance: Stance,
+) -> FootstepPlan:
+    """The next footsteps along a path.
+
+    Args:
+        rules: None hands the path to iStepper as it is, as published; feet then point along it.
+        path, look: as in `pursue`.
+    """
+    steps = istepper.geometry
+    side = jnp.where(stance.left, 1.0, -1.0).astype(stance.foot.dtype)
+    normal = jnp.stack([-jnp.sin(stance.yaw), jnp.cos(stance.yaw)])
+    centre = stance.foot - side * steps.width / 2 * normal
+    pursuit = PursuitRules() if rules is None else rules
+    course = pursue(pursuit, steps, path, look, centre, stance.yaw)
+    geometric = beside(course, ~stance.left, steps.width)
+    frame = jnp.append(stance.com, stance.yaw)
+    line = resample_by_arc_length(path if rules is None else course.centres, PATH_POINTS)
+    state = RobotState(
+        com_from_stance=to_base(frame.at[:2].set(0.0), stance.com - stance.foot),
+        com_velocity=to_base(frame.at[:2].set(0.0), stance.com_velocity),
+        stance_side=side,
+        time_in_step=stance.time,
+    )
+    learned = istepper(to_base(frame, line)[None], jax.tree.map(lambda leaf: leaf[None], state))[0]
+    positions = to_world(frame, learned)
+    yaws = course.headings[1:]
+    if rules is not None:
+        positions = jnp.where(course.turning, geometric, positions)
+    first = jnp.where(stance.left, 0, 1).astype(jnp.int32)
+    return FootstepPlan(positions, yaws, first, jnp.asarray(steps.count, jnp.int32))
+
+
+def stop_steps(count: int, width: float, stance: Stance) -> FootstepPlan:
+    """Two closing footsteps beside the stance foot, after which the robot stands."""
+    side = jnp.where(stance.left, 1.0, -1.0).astype(stance.foot.dtype)
+    normal = jnp.stack([-jnp.sin(stance.yaw), jnp.cos(stance.yaw)])
+    centre = stance.foot - side * width / 2 * normal
+    still = Course(
+        jnp.broadcast_to(centre, (count + 1, 2)), jnp.broadcast_to(stance.yaw, (count + 1,)), jnp.asarray(False)
+    )
+    first: Int[Array, ""] = jnp.where(stance.left, 0, 1).astype(jnp.int32)
+    return FootstepPlan(beside(still, ~stance.left, width), still.headings[1:], first, jnp.asarray(2, jnp.int32))
