@@ -1,0 +1,61 @@
+"""The planner that ships with the package: its configuration and half-precision parameters in one small file."""
+
+import json
+import zipfile
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+
+from iwalker_jax.errors import CheckpointError
+from iwalker_jax.planning.planner import Planner
+from iwalker_jax.training.config import TrainConfig, config_from_dict, config_to_dict
+from iwalker_jax.training.train_step import make_planner, planner_from
+
+PRETRAINED = Path(__file__).with_name("pretrained.npz")
+_CONFIG = "config"
+
+
+def save_planner(file: Path, planner: Planner, config: TrainConfig) -> None:
+    """Write a planner and the configuration of its training to an .npz file; parameters in half precision.
+
+    Raises:
+        CheckpointError: if the file cannot be written.
+    """
+    leaves = jax.tree_util.tree_flatten_with_path(nnx.state(planner, nnx.Param))[0]
+    arrays = {jax.tree_util.keystr(path): np.asarray(leaf, np.float16) for path, leaf in leaves}
+    arrays[_CONFIG] = np.asarray(json.dumps(config_to_dict(config)))
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+    except OSError as error:
+        raise CheckpointError(f"Cannot write the planner to {file}: {error.strerror}; choose another place.") from error
+
+
+def load_planner(file: Path = PRETRAINED) -> tuple[Planner, TrainConfig]:
+    """The planner of a file of `save_planner`, by default the one that ships with the package.
+
+    Raises:
+        CheckpointError: if the file is missing, damaged or of another version.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        config: TrainConfig = config_from_dict(TrainConfig, json.loads(str(arrays.pop(_CONFIG))))
+        template = jax.eval_shape(lambda: nnx.split(make_planner(config), nnx.Param)[1])
+        paths, structure = jax.tree_util.tree_flatten_with_path(template)
+        leaves = [_restored(arrays[jax.tree_util.keystr(path)], leaf.shape) for path, leaf in paths]
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise CheckpointError(
+            f"{file} holds no planner that this version can read ({type(error).__name__}: {error}); "
+            "train one with `python -m experiments.train` and pass its folder."
+        ) from error
+    return planner_from(config, jax.tree.unflatten(structure, leaves)), config
+
+
+def _restored(array: np.ndarray, shape: tuple[int, ...]) -> jax.Array:
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"parameters of shape {array.shape} instead of {shape}, or not finite")
+    return jnp.asarray(array, jnp.float32)
