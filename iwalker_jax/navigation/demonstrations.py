@@ -1,6 +1,7 @@
 """Tasks with names: the three demonstrations and the walks through the four test sequences."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -67,10 +68,10 @@ def test_task(name: str, seed: int = 0) -> Task:
         InputError: for an unknown name or a negative seed.
     """
     sequence = test_sequence(name)
-    (x, y), (ahead_x, ahead_y) = sequence.route[:2]
+    (x, y), (ahead_x, ahead_y) = sequence.route[:2].tolist()
     goals = sequence.route[-1:]
     for rng in _generators(name, seed):
-        shift = rng.uniform(-1, 1, 3) * (0.05, 0.05, math.radians(5))
+        shift = (rng.uniform(-1, 1, 3) * (0.05, 0.05, math.radians(5))).tolist()
         start = (x + shift[0], y + shift[1], math.atan2(ahead_y - y, ahead_x - x) + shift[2])
         length = tour_length(sequence.scene, start, goals)
         if length is not None:
@@ -88,7 +89,7 @@ def tour_length(scene: Scene, start: tuple[float, float, float], goals: np.ndarr
     spare = clearances(arrays, stops) - np.append(START_CLEARANCE, np.full(len(goals), GOAL_CLEARANCE))
     if spare.min() < 0:
         return None
-    routes = [comfortable_route(arrays, here, there) for here, there in zip(stops[:-1], stops[1:], strict=True)]
+    routes = [comfortable_route(arrays, here, there) for here, there in pairwise(stops)]
     lengths = [length_of(route) for route in routes if route is not None]
     return sum(lengths) if len(lengths) == len(goals) else None
 
