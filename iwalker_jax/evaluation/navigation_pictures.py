@@ -6,6 +6,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walk_traces import FOOT_COLOURS, save_figure
@@ -118,7 +119,7 @@ def draw_episode(axis, task: Task, episode: EpisodeRecord, by_time: bool = False
     for foot, place in zip(("right", "left"), np.moveaxis(np.asarray(episode.feet), 1, 0)):
         prints = footprints(place)
         axis.plot(prints[:, 0], prints[:, 1], ".", color=FOOT_COLOURS[foot], markersize=1.6, alpha=0.8, zorder=3)
-    path = np.asarray(episode.path[-1])
+    path = in_true_world(episode.path[-1], episode, len(episode.time) - 1)
     axis.plot(path[:, 0], path[:, 1], "-", color="tab:cyan", linewidth=1.3, zorder=4)
     outcome = Outcome(int(episode.outcome[-1]))
     places = np.asarray(episode.base)[:, :2]
@@ -176,6 +177,23 @@ def footprints(foot: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "k 2"]:
     still = np.linalg.norm(np.diff(foot, axis=0), axis=1) < _STANDING
     begins = still & ~np.concatenate([[False], still[:-1]])
     return foot[:-1][begins][:, :2]
+
+
+def in_true_world(points: ArrayLike, episode: EpisodeRecord, frame: int) -> Float[np.ndarray, "n 2"]:
+    """Points (n, 2) [m] of a frame's plan, made in the world as the robot believes it to be, in the true one.
+
+    A frame's plan and believed pose belong to its beginning, which is the end of the frame before.
+    """
+    x, y, yaw = np.asarray(episode.base[max(frame - 1, 0)])
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    own = seen_from_pose(np.asarray(episode.believed[frame]), np.asarray(points))
+    return own @ np.array([[cos, sin], [-sin, cos]]) + np.array([x, y])
+
+
+def seen_from_pose(pose: Float[np.ndarray, " 3"], points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    """World points [m] in the frame of a pose (x [m], y [m], yaw [rad])."""
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    return (points - pose[:2]) @ np.array([[cos, -sin], [sin, cos]])
 
 
 def _caption(episode: EpisodeRecord) -> str:

@@ -1,4 +1,4 @@
-"""Marks drawn into MuJoCo's visual scene: footsteps on the floor, contact forces, pushes and a soft shadow."""
+"""Marks drawn into MuJoCo's visual scene: footsteps, paths and goals on the floor, forces and a soft shadow."""
 
 import mujoco
 import numpy as np
@@ -15,6 +15,8 @@ _METRES_PER_NEWTON = {"contact": 0.006, "push": 0.012}
 _BODY_RADIUS = 0.1  # [m] from the base's centre to where a push touches it
 _FORCE_COLOUR = (0.1, 0.65, 0.25, 1.0)
 _PUSH_COLOUR = (0.85, 0.1, 0.1, 1.0)
+_PATH_COLOUR = (0.85, 0.12, 0.12, 1.0)
+_GOAL_COLOUR = (0.85, 0.0, 0.75)
 
 
 def add_footsteps(scene: mujoco.MjvScene, footsteps: TimedFootsteps, time: float) -> None:
@@ -40,6 +42,29 @@ def add_shadow(scene: mujoco.MjvScene, centre: Float[np.ndarray, " 3"], radius: 
         size = np.array([share * radius, 0.0002, 0.0])
         position = np.array([centre[0], centre[1], 0.0003])
         _add_geom(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, size, position, np.eye(3), (0.1, 0.1, 0.12, 0.13))
+
+
+def add_path(scene: mujoco.MjvScene, points: Float[np.ndarray, "n 2"], spacing: float = 0.08) -> None:
+    """Lay a path on the floor as a thin line; points [m] nearer than `spacing` to the last one drawn are left out."""
+    last = points[0]
+    for point in points[1:]:
+        if np.linalg.norm(point - last) < spacing:
+            continue
+        geom = _add_geom(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, np.ones(3), np.zeros(3), np.eye(3), _PATH_COLOUR)
+        ends = (np.array([*last, 0.003]), np.array([*point, 0.003]))
+        mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.006, *ends)
+        last = point
+
+
+def add_goal(scene: mujoco.MjvScene, place: Float[np.ndarray, " 2"], current: bool) -> None:
+    """Mark a goal [m] by a disc on the floor; the one being walked to also by a slim pole."""
+    colour = (*_GOAL_COLOUR, 0.9 if current else 0.35)
+    disc, pole = np.array([0.12, 0.001, 0.0]), np.array([0.012, 0.35, 0.0])
+    _add_geom(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, disc, np.array([*place, 0.002]), np.eye(3), colour)
+    if current:
+        _add_geom(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, pole, np.array([*place, 0.35]), np.eye(3), colour)
+        ball = np.full(3, 0.045)
+        _add_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, ball, np.array([*place, 0.72]), np.eye(3), colour)
 
 
 def add_forces(

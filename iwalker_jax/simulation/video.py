@@ -1,12 +1,13 @@
-"""Videos of recorded motions as MP4 or GIF files, or played in MuJoCo's viewer."""
+"""Videos of recorded motions as MP4, WebM or GIF files, or played in MuJoCo's viewer."""
 
 import dataclasses
 import itertools
 import math
+import os
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
 
 import cv2
 import mujoco
@@ -28,6 +29,9 @@ from iwalker_jax.simulation.motion import check_motion, resample_motion
 _VIEW = (1.8, 130.0, -15.0)
 """Distance [m], azimuth and elevation [deg] from which the viewer first looks at the base."""
 
+_CODECS = {".mp4": "mp4v", ".webm": "VP80"}
+"""What the OpenCV of the package index can encode; it has no H.264."""
+
 
 def write_video(
     file: Path,
@@ -40,7 +44,8 @@ def write_video(
     """Write a recorded motion as a video and return its number of frames.
 
     Args:
-        file: ends in .mp4, or in .gif, which is large (1 MB a second at the default size); its folder is created.
+        file: ends in .mp4, in .webm, which browsers play, or in .gif, which is large (1 MB a second at the default
+            size); its folder is created.
         model, qpos, times, overlays: as for `render_frames`.
         settings: camera, size and speed; a GIF's frames last whole hundredths of a second, so 30 a second become 25.
 
@@ -54,19 +59,13 @@ def write_video(
     return write_frames(file, frames, settings.fps)
 
 
-def write_frames(
-    file: Path,
-    frames: Iterator[UInt8[np.ndarray, "height width 3"]],
-    fps: float,
-    codec: Literal["mp4v", "vp09"] = "mp4v",
-) -> int:
+def write_frames(file: Path, frames: Iterator[UInt8[np.ndarray, "height width 3"]], fps: float) -> int:
     """Write RGB frames of one size as a video and return their number.
 
     Args:
-        file: ends in .mp4 or .gif; its folder is created.
+        file: ends in .mp4, .gif or .webm, which browsers play; its folder is created.
         frames: at least one.
         fps: frames a second.
-        codec: of an MP4: MPEG-4 is quick, VP9 takes ten times as long and is what browsers play.
 
     Raises:
         InputError: a file that cannot be written; no broken file is left behind.
@@ -74,13 +73,13 @@ def write_frames(
     file = Path(file)
     if _suffix(file) == ".gif":
         return _write_gif(_opened(file, frames), file, fps)
-    return _write_movie(_opened(file, frames), file, fps, codec)
+    return _write_movie(_opened(file, frames), file, fps)
 
 
 def _suffix(file: Path) -> str:
     suffix = file.suffix.lower()
-    if suffix not in (".mp4", ".gif"):
-        raise InputError(f"The video {file} ends in {suffix!r}; use .mp4 or .gif.")
+    if suffix not in (*_CODECS, ".gif"):
+        raise InputError(f"The video {file} ends in {suffix!r}; use .mp4, .webm or .gif.")
     return suffix
 
 
@@ -129,11 +128,12 @@ def show(
             time.sleep(1 / 60)
 
 
-def _write_movie(frames: Iterator[np.ndarray], file: Path, fps: float, codec: str) -> int:
-    # What the OpenCV of the package index can encode; it has no H.264.
+def _write_movie(frames: Iterator[np.ndarray], file: Path, fps: float) -> int:
     first = next(frames)
     size = (first.shape[1], first.shape[0])
-    writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), fps, size)
+    codec = cv2.VideoWriter.fourcc(*_CODECS[file.suffix.lower()])
+    with _without_stderr():
+        writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, codec, fps, size)
     if not writer.isOpened():
         file.unlink()
         raise InputError(f"This OpenCV cannot encode {file}; use the suffix .gif.")
@@ -143,6 +143,19 @@ def _write_movie(frames: Iterator[np.ndarray], file: Path, fps: float, codec: st
         count += 1
     writer.release()
     return count
+
+
+@contextmanager
+def _without_stderr() -> Iterator[None]:
+    """Silence for OpenCV, which warns of every WebM file that it knows no tag for the codec it then writes."""
+    with Path(os.devnull).open("wb") as sink:
+        kept = os.dup(2)
+        os.dup2(sink.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def _write_gif(frames: Iterator[np.ndarray], file: Path, fps: float) -> int:

@@ -4,7 +4,6 @@ import numpy as np
 
 from bruce_model import crouch_qpos
 from iwalker_jax.navigation.task import EpisodeRecord, Outcome, Task
-from iwalker_jax.perception.grid import DEFAULT_GRID
 from iwalker_jax.simulation.scene import Scene
 
 FRAME = 1.0 / 15.0
@@ -66,15 +65,15 @@ def make_record(
         outcome[row, -3:] = ends
     shape = (90, 160) if images else (0, 0)
     depth = np.broadcast_to(np.linspace(0.0, 5.0, shape[0])[:, None], shape).astype(np.float16)
-    occupied = np.zeros(DEFAULT_GRID.shape if images else (0, 0), bool)
-    occupied[50:60, 60:100] = True
+    occupied = np.zeros((160, 160) if images else (0, 0), bool)
+    occupied[90:100, 60:100] = True
     one = EpisodeRecord(
         time=time,
         outcome=outcome[0],
         goal=np.zeros(n, int),
         qpos=qpos,
         base=base,
-        believed=base,
+        believed=np.concatenate([base[:1], base[:-1]]),  # at the frame's beginning
         feet=feet.reshape(n, 2, 3),
         path=path,
         footsteps=steps,

@@ -70,9 +70,9 @@ def pixels(image: np.ndarray, rgb: tuple[float, float, float]) -> np.ndarray:
     return np.argwhere((np.abs(hsv[..., 0] - hue) < 6) & (hsv[..., 1] > 120) & (hsv[..., 2] > 60))
 
 
-@pytest.mark.parametrize(("slow_motion", "count"), [(1.0, 11), (2.0, 21)])
-def test_opencv_reads_the_mp4(drawing, box, tmp_path, slow_motion, count):
-    file = tmp_path / "new" / "walk.mp4"
+@pytest.mark.parametrize(("suffix", "slow_motion", "count"), [("mp4", 1.0, 11), ("mp4", 2.0, 21), ("webm", 1.0, 11)])
+def test_opencv_reads_the_film(drawing, box, tmp_path, capfd, suffix, slow_motion, count):
+    file = tmp_path / "new" / f"walk.{suffix}"
     settings = VideoSettings(width=160, height=120, fps=10.0, slow_motion=slow_motion)
     assert write_video(file, box, *sliding(box), settings) == count
     capture = cv2.VideoCapture(str(file))
@@ -81,6 +81,7 @@ def test_opencv_reads_the_mp4(drawing, box, tmp_path, slow_motion, count):
         frames.append(answer[1])
     assert len(frames) == count and frames[0].shape == (120, 160, 3)
     assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(10.0)
+    assert capfd.readouterr().err == ""
 
 
 def test_pillow_reads_the_gif_and_its_time_is_real(drawing, box, tmp_path):
@@ -170,11 +171,11 @@ def test_bad_settings(options):
 
 
 def test_an_unknown_suffix(box, tmp_path):
-    with pytest.raises(InputError, match=r"'\.avi'; use \.mp4 or \.gif"):
+    with pytest.raises(InputError, match=r"'\.avi'; use \.mp4, \.webm or \.gif"):
         write_video(tmp_path / "walk.avi", box, *sliding(box))
 
 
-@pytest.mark.parametrize("suffix", ["mp4", "gif"])
+@pytest.mark.parametrize("suffix", ["mp4", "webm", "gif"])
 def test_a_file_that_cannot_be_written(drawing, box, tmp_path, suffix):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be written"):

@@ -1,0 +1,186 @@
+"""What a walking robot sees and plans, as panels of a film: its depth image and its map, both with the path."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from iwalker_jax.navigation.map_memory import MemoryRules
+from iwalker_jax.perception.camera import Intrinsics
+
+Image = UInt8[np.ndarray, "height width 3"]
+
+_RED, _ORANGE, _BLUE, _MAGENTA = (217, 38, 38), (240, 120, 20), (31, 119, 180), (214, 0, 190)
+_INK, _GRID, _FREE, _WALL = (45, 45, 50), (224, 223, 217), (246, 245, 241), (93, 97, 107)
+_NO_RETURN = (38, 38, 42)
+_FAR = 6.0  # [m] at the end of the depth's colours
+_NEAR = 0.15  # [m] in front of the camera where lines are cut off
+_REAR = 0.5  # [m] shown behind the robot
+_FRACTION = 4  # bits of OpenCV's sub-pixel coordinates
+
+
+class Plan(NamedTuple):
+    """What is drawn besides the sensor's data, base frame.
+
+    Attributes:
+        path: (n, 2) [m]; footsteps: (m, 2) [m]; goal: (2,) [m].
+    """
+
+    path: Float[np.ndarray, "n 2"]
+    footsteps: Float[np.ndarray, "m 2"]
+    goal: Float[np.ndarray, " 2"]
+
+
+def depth_panel(
+    depth: Float[np.ndarray, "h w"],
+    plan: Plan,
+    R_base_camera: Float[np.ndarray, "3 3"],
+    p_base_camera: Float[np.ndarray, " 3"],
+    size: tuple[int, int],
+    intrinsics: Intrinsics = Intrinsics(),
+) -> Image:
+    """A depth image [m] in colours, near bright and far dark, with path and goal where they lie on the floor.
+
+    Args:
+        depth: 0 where nothing was measured.
+        plan: to draw.
+        R_base_camera, p_base_camera: pose of the optical frame (x right, y down, z forward) in the base frame.
+        size: (width, height) [px] of the panel.
+        intrinsics: of the depth image.
+    """
+    metres = np.asarray(depth, np.float32)
+    colours = cv2.applyColorMap((255 * (1 - np.clip(metres / _FAR, 0, 1))).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+    colours = cv2.cvtColor(colours, cv2.COLOR_BGR2RGB)
+    colours[~(metres > 0)] = _NO_RETURN
+    image = cv2.resize(colours, size, interpolation=cv2.INTER_NEAREST)
+    zoom = np.array(size) / np.array([intrinsics.width, intrinsics.height])
+
+    def pixels(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        floor = np.column_stack([points, np.zeros(len(points))])
+        seen = (floor - p_base_camera) @ R_base_camera
+        inverse = 1.0 / np.maximum(seen[:, 2], _NEAR)
+        u = intrinsics.fx * seen[:, 0] * inverse + intrinsics.cx
+        v = intrinsics.fy * seen[:, 1] * inverse + intrinsics.cy
+        return (np.stack([u, v], axis=1) + 0.5) * zoom, seen[:, 2] > _NEAR
+
+    line, ahead = pixels(plan.path)
+    if ahead.any():
+        _polyline(image, line[ahead], (255, 255, 255), 5)
+        _polyline(image, line[ahead], _RED, 3)
+    star, seen = pixels(plan.goal[None])
+    if seen[0]:
+        _star(image, star[0])
+    return _labelled(image, "depth", light=True)
+
+
+def map_panel(
+    occupied: Bool[np.ndarray, "rows columns"],
+    middle: Float[np.ndarray, " 2"],
+    pose: Float[np.ndarray, " 3"],
+    plan: Plan,
+    size: tuple[int, int],
+    rules: MemoryRules = MemoryRules(),
+) -> Image:
+    """The robot's map from above, forward up, with path, footsteps and where the goal lies.
+
+    Args:
+        occupied: cells of the map's window, whose axes are the world's.
+        middle: [m] where the robot was when the window moved last.
+        pose: (x [m], y [m], yaw [rad]) from where the map is seen.
+        plan: to draw, in the base frame of that pose.
+        size: (width, height) [px] of the panel; it is as wide as the window.
+        rules: of the window.
+    """
+    width, height = size
+    side = rules.cells * rules.resolution
+    scale = width / side
+    image = np.full((height, width, 3), _FREE, np.uint8)
+
+    def pixels(points: np.ndarray) -> np.ndarray:
+        return np.stack([(side / 2 - points[:, 1]) * scale, height - (points[:, 0] + _REAR) * scale], axis=1)
+
+    ahead = ((height - np.arange(height) - 0.5) / scale - _REAR)[:, None]
+    left = (side / 2 - (np.arange(width) + 0.5) / scale)[None]
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    place = np.stack([pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left])
+    lowest = np.round(middle / rules.resolution).astype(int) - rules.cells // 2
+    cell = np.floor(place / rules.resolution).astype(int) - lowest[:, None, None]
+    inside = ((cell >= 0) & (cell < rules.cells)).all(axis=0)
+    origin = pixels(np.zeros((1, 2)))[0]
+    for metres in range(1, 6):
+        cv2.circle(image, _fixed(origin), round(metres * scale * 2**_FRACTION), _GRID, 1, cv2.LINE_AA, _FRACTION)
+    row, column = np.clip(cell, 0, rules.cells - 1)
+    image[inside & occupied[row, column]] = _WALL
+    _polyline(image, pixels(plan.path), _RED, 2)
+    for place, left in zip(pixels(plan.footsteps), left_feet(plan.footsteps)):
+        cv2.circle(image, _fixed(place), 3 * 2**_FRACTION, _BLUE if left else _ORANGE, -1, cv2.LINE_AA, _FRACTION)
+    triangle = origin + np.array([[0, -11], [7, 7], [0, 3], [-7, 7]])
+    cv2.fillPoly(image, [np.round(triangle * 2**_FRACTION).astype(np.int32)], _INK, cv2.LINE_AA, _FRACTION)
+    _goal(image, origin, pixels(plan.goal[None])[0])
+    return _labelled(image, "map and plan")
+
+
+def left_feet(footsteps: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
+    """Which of alternating footsteps are left ones: those to the left of the line between their neighbours."""
+    if len(footsteps) < 3:
+        return np.arange(len(footsteps)) % 2 == 0
+    chord, middle = footsteps[2:] - footsteps[:-2], footsteps[1:-1] - footsteps[:-2]
+    turns = chord[:, 0] * middle[:, 1] - chord[:, 1] * middle[:, 0]
+    odd = np.sum(turns * (-1.0) ** np.arange(len(turns))) > 0
+    return (np.arange(len(footsteps)) % 2 == 1) == odd
+
+
+def write(
+    image: Image,
+    text: str,
+    corner: tuple[int, int],
+    colour: Sequence[int] = _INK,
+    scale: float = 0.5,
+) -> None:
+    """Write text from its lower left corner [px] into an image, in place."""
+    cv2.putText(image, text, corner, cv2.FONT_HERSHEY_SIMPLEX, scale, tuple(colour), 1, cv2.LINE_AA)
+
+
+def _labelled(image: Image, text: str, light: bool = False) -> Image:
+    if light:
+        width = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.46, 1)[0][0]
+        image[:25, : width + 17] = _NO_RETURN
+    write(image, text, (9, 17), (255, 255, 255) if light else _INK, 0.46)
+    return image
+
+
+def _goal(image: Image, origin: np.ndarray, goal: np.ndarray) -> None:
+    """A star at the goal, or at the panel's edge an arrow towards it."""
+    height, width = image.shape[:2]
+    low, high = np.array([14.0, 14.0]), np.array([width - 14.0, height - 14.0])
+    if ((goal >= low) & (goal <= high)).all():
+        _star(image, goal)
+        return
+    way = goal - origin
+    room = np.where(way > 0, high - origin, origin - low) / np.maximum(np.abs(way), 1e-9)
+    tip = origin + way * min(float(room.min()), 1.0)
+    along = way / max(float(np.linalg.norm(way)), 1e-9)
+    across = np.array([-along[1], along[0]])
+    head = np.stack([tip + 7 * along, tip - 8 * along + 8 * across, tip - 8 * along - 8 * across])
+    cv2.fillPoly(image, [np.round(head * 2**_FRACTION).astype(np.int32)], _MAGENTA, cv2.LINE_AA, _FRACTION)
+
+
+def _star(image: Image, centre: np.ndarray) -> None:
+    if not (np.abs(centre) < 1e4).all():
+        return
+    turn = -np.pi / 2 + np.arange(10) * np.pi / 5
+    radius = np.where(np.arange(10) % 2 == 0, 11.0, 4.6)
+    for grow, colour in ((1.3, (255, 255, 255)), (1.0, _MAGENTA)):
+        corners = centre + grow * radius[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        cv2.fillPoly(image, [np.round(corners * 2**_FRACTION).astype(np.int32)], colour, cv2.LINE_AA, _FRACTION)
+
+
+def _polyline(image: Image, points: np.ndarray, colour: Sequence[int], thickness: int) -> None:
+    fixed = np.round(np.clip(points, -1e4, 1e4) * 2**_FRACTION).astype(np.int32)
+    cv2.polylines(image, [fixed], False, tuple(colour), thickness, cv2.LINE_AA, _FRACTION)
+
+
+def _fixed(point: np.ndarray) -> tuple[int, int]:
+    return round(float(point[0]) * 2**_FRACTION), round(float(point[1]) * 2**_FRACTION)
