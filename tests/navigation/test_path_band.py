@@ -1,0 +1,93 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.navigation.path_band import BandRules, safe_path
+from iwalker_jax.perception.distance_field import signed_distance_field
+from iwalker_jax.perception.grid import GridSpec
+
+GRID = GridSpec(-4.0, -4.0, 0.05, 160, 160)
+CENTRES = np.asarray(GRID.centres())
+RULES = BandRules()
+band = jax.jit(lambda path, esdf: safe_path(RULES, path, esdf, GRID))
+STRAIGHT = jnp.stack([jnp.linspace(0.0, 3.0, 60), jnp.zeros(60)], axis=1)
+
+
+def disc(x: float, y: float, radius: float) -> np.ndarray:
+    return np.linalg.norm(CENTRES - [x, y], axis=-1) < radius
+
+
+def test_in_the_open_the_path_stays_as_it_is():
+    esdf = signed_distance_field(jnp.asarray(disc(0.0, 3.0, 0.2)), 0.05)
+    path, cut = band(STRAIGHT, esdf)
+    assert not cut
+    np.testing.assert_allclose(path[:, 1], 0.0, atol=1e-4)
+    np.testing.assert_allclose(path[-1], [3.0, 0.0], atol=1e-3)
+
+
+def test_a_path_that_grazes_an_obstacle_is_drawn_off_it():
+    """Oracle: distance to the disc itself."""
+    esdf = signed_distance_field(jnp.asarray(disc(1.5, 0.25, 0.2)), 0.05)
+    path, cut = band(STRAIGHT, esdf)
+    clearance = np.linalg.norm(np.asarray(path) - [1.5, 0.25], axis=1) - 0.2
+    assert not cut
+    assert clearance.min() > RULES.least
+    assert np.linalg.norm(STRAIGHT - np.array([1.5, 0.25]), axis=1).min() - 0.2 < 0.06
+
+
+def test_a_path_into_a_wall_ends_before_it():
+    """Oracle: the wall's place; no point of the path is nearer than the body needs."""
+    esdf = signed_distance_field(jnp.asarray(CENTRES[..., 0] > 2.0), 0.05)
+    path, _ = band(STRAIGHT, esdf)
+    assert float(path[:, 0].max()) < 2.0 - RULES.least + 0.03
+    assert float(path[-1, 0]) > 1.2
+
+
+def test_a_robot_that_stands_too_close_can_walk_away_but_not_closer():
+    esdf = signed_distance_field(jnp.asarray(CENTRES[..., 0] < -0.1), 0.05)
+    away, cut = band(STRAIGHT, esdf)
+    assert not cut and float(away[-1, 0]) > 2.9
+    closer, _ = band(-STRAIGHT, esdf)
+    assert float(closer[:, 0].min()) > -0.01
+
+
+def test_a_path_walled_in_on_all_sides_is_cut():
+    """A ring without room for the body around its far end; oracle: the ring's geometry."""
+    distance = np.linalg.norm(CENTRES - [2.0, 0.0], axis=-1)
+    esdf = signed_distance_field(jnp.asarray((distance > 0.15) & (distance < 0.6)), 0.05)
+    _, cut = safe_path(BandRules(iterations=0), STRAIGHT, esdf, GRID)
+    assert cut
+
+
+def test_gradients_flow_from_map_and_path():
+    """Oracle: central differences along a random direction, in double precision."""
+    with jax.enable_x64(True):
+        esdf = jnp.asarray(np.linalg.norm(CENTRES - [1.5, 0.25], axis=-1) - 0.2, jnp.float64)
+        # Uneven and curved, so that no point of the band lies on a kink of the interpolation.
+        path = np.stack([3 * np.linspace(0, 1, 60) ** 1.1, 0.05 * np.sin(np.linspace(0, 3, 60))], axis=1)
+        path = jnp.asarray(path)
+
+        def cost(path, esdf):
+            return jnp.sum(safe_path(RULES, path, esdf, GRID)[0] ** 2)
+
+        rng = np.random.default_rng(0)
+        directions = (jnp.asarray(rng.normal(size=path.shape)), jnp.asarray(rng.normal(size=esdf.shape)))
+        for k, along in enumerate(directions):
+            arguments = [path, esdf]
+            step = 1e-7
+
+            def moved(h, k=k, along=along, arguments=arguments):
+                return cost(*(a + h * along if n == k else a for n, a in enumerate(arguments)))
+
+            expected = (moved(step) - moved(-step)) / (2 * step)
+            reverse = jnp.sum(jax.grad(cost, argnums=k)(*arguments) * along)
+            forward = jax.jvp(moved, (0.0,), (1.0,))[1]
+            np.testing.assert_allclose(reverse, expected, rtol=1e-5)
+            np.testing.assert_allclose(forward, expected, rtol=1e-5)
+
+
+def test_useless_rules_are_refused():
+    with pytest.raises(InputError, match="least < wanted"):
+        BandRules(wanted=0.1, least=0.2)
