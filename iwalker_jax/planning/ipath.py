@@ -31,6 +31,8 @@ class IPathConfig:
         mount: nominal mount, used where no measured one is given.
         scan: bearings about the goal's direction that the light variant's head sees besides the image.
         goal_is_end: replace the last waypoint by the goal, as published; otherwise the end point is free.
+        even: space the waypoints evenly by construction, see `evenly_spaced`; the published network leaves it to the
+            losses.
     """
 
     variant: Literal["light", "paper"] = "light"
@@ -45,6 +47,7 @@ class IPathConfig:
     mount: CameraMount = CameraMount()
     scan: GoalScan = GoalScan()
     goal_is_end: bool = False
+    even: bool = True
 
     def __post_init__(self) -> None:
         if self.variant not in ("light", "paper"):
@@ -58,6 +61,11 @@ class IPathConfig:
             )
         if self.waypoints < 2 or self.trunk_width < 4 or self.goal_reach <= 0:
             raise InputError("iPath needs at least 2 waypoints, 4 trunk channels and a positive goal reach.")
+        if self.goal_is_end and self.even:
+            raise InputError("Evenly spaced waypoints cannot end at the goal too; set even or goal_is_end to False.")
+
+
+_SHORTEST_INTERVAL = 1e-3  # [m] below which an interval has no direction
 
 
 class IPathOutput(NamedTuple):
@@ -81,6 +89,17 @@ def reduced_goal(goal: Float[Array, "*batch 2"], reach: float) -> Float[Array, "
     unit = goal / largest
     distance = largest * jnp.sqrt(jnp.sum(unit**2, axis=-1, keepdims=True))
     return goal * jnp.minimum(1.0, reach / jnp.maximum(distance, 1e-6))
+
+
+def evenly_spaced(waypoints: Float[Array, "*batch k 2"]) -> Float[Array, "*batch k 2"]:
+    """Waypoints [m] with the directions of the given ones' intervals, each interval as long as the mean of them.
+
+    A unicycle at constant speed is at the knots of a path at even times only if the knots are evenly spaced. The first
+    interval starts at the origin; standing still stays standing still.
+    """
+    intervals = jnp.diff(waypoints, axis=-2, prepend=jnp.zeros_like(waypoints[..., :1, :]))
+    lengths = jnp.sqrt(jnp.sum(intervals**2, axis=-1, keepdims=True) + _SHORTEST_INTERVAL**2)
+    return jnp.cumsum(intervals / lengths * jnp.mean(lengths, axis=-2, keepdims=True), axis=-2)
 
 
 class IPath(nnx.Module):
@@ -116,9 +135,20 @@ class IPath(nnx.Module):
                 mount = jnp.broadcast_to(config.mount.as_array(), (depth.shape[0], 5))
             image, scan = _light_input(depth, near_goal, mount, config)
             waypoints, fear = self.head(self.trunk(image), scan, near_goal)
-        if config.goal_is_end:
-            waypoints = waypoints.at[:, -1].set(near_goal)
-        return IPathOutput(waypoints, fear)
+        return IPathOutput(self.constrained(waypoints, near_goal), fear)
+
+    def constrained(
+        self, waypoints: Float[Array, "*batch k 2"], near_goal: Float[Array, "*batch 2"]
+    ) -> Float[Array, "*batch k 2"]:
+        """Any waypoints [m] made to obey what the configuration promises: even intervals, or the goal at the end.
+
+        Args:
+            waypoints: as a network's last layer or an exploring policy draws them.
+            near_goal: [m] reduced goal.
+        """
+        if self.config.even:
+            return evenly_spaced(waypoints)
+        return waypoints.at[..., -1, :].set(near_goal) if self.config.goal_is_end else waypoints
 
 
 _LIGHT_CHANNELS = 6

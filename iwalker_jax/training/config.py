@@ -88,7 +88,7 @@ class TrainConfig:
 def paper_preset() -> TrainConfig:
     """The published set-up: full-width network, last waypoint = goal, batch 1, the paper's losses, no decay."""
     return TrainConfig(
-        planner=PlannerConfig(ipath=IPathConfig(variant="paper", trunk_width=64, goal_is_end=True)),
+        planner=PlannerConfig(ipath=IPathConfig(variant="paper", trunk_width=64, goal_is_end=True, even=False)),
         weights=LossWeights(
             tracking=40.0,
             route=0.0,

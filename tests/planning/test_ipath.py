@@ -9,8 +9,9 @@ import pytest
 from flax import nnx
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.planning.ipath import IPath, IPathConfig, reduced_goal
+from iwalker_jax.planning.ipath import IPath, IPathConfig, evenly_spaced, reduced_goal
 from iwalker_jax.planning.residual_network import conv2d, max_pool_3x3
+from tests.gradients import assert_gradients_agree
 
 LIGHT = IPathConfig()
 
@@ -37,7 +38,7 @@ def test_light_network_is_an_order_of_magnitude_smaller():
     assert _count(LIGHT) < 2e6
 
 
-@pytest.mark.parametrize("config", [LIGHT, IPathConfig(variant="paper", trunk_width=8, goal_is_end=True)])
+@pytest.mark.parametrize("config", [LIGHT, IPathConfig(variant="paper", trunk_width=8, goal_is_end=True, even=False)])
 def test_output_shapes_and_published_end(config):
     network = IPath(config, nnx.Rngs(1))
     goal = jnp.asarray([[2.0, 1.0], [0.0, 0.0]])
@@ -47,6 +48,35 @@ def test_output_shapes_and_published_end(config):
     assert np.isfinite(out.waypoints).all()
     if config.goal_is_end:
         np.testing.assert_allclose(out.waypoints[:, -1], goal)
+
+
+def test_even_waypoints_keep_directions_and_mean_interval():
+    """Oracle: NumPy, interval by interval."""
+    waypoints = np.array([[0.4, 0.1], [0.5, 0.1], [1.2, -0.5], [1.3, 0.6], [1.0, 0.6]])
+    intervals = np.diff(waypoints, axis=0, prepend=0.0)
+    lengths = np.hypot(*intervals.T)
+    wanted = np.cumsum(intervals / lengths[:, None] * lengths.mean(), axis=0)
+    even = evenly_spaced(jnp.asarray(waypoints, jnp.float32))
+    np.testing.assert_allclose(even, wanted, atol=1e-4)
+    np.testing.assert_allclose(evenly_spaced(even), even, atol=1e-4)
+
+
+def test_even_waypoints_have_the_gradient_of_finite_differences(x64):
+    waypoints = jnp.asarray(np.random.default_rng(3).normal(size=(2, 5, 2)))
+    assert_gradients_agree(jax.jit(evenly_spaced), waypoints)
+
+
+def test_even_waypoints_may_stand_still():
+    value, gradient = jax.value_and_grad(lambda w: jnp.sum(evenly_spaced(w)))(jnp.zeros((5, 2)))
+    assert float(value) == 0.0
+    assert np.isfinite(gradient).all()
+
+
+def test_the_default_network_plans_even_waypoints(light):
+    depth = jax.random.uniform(jax.random.key(1), (3, 90, 160), maxval=5.0)
+    out = light(depth, jnp.asarray([[2.0, 0.0], [1.0, 1.0], [3.0, -1.0]]))
+    lengths = np.linalg.norm(np.diff(out.waypoints, axis=1, prepend=0.0), axis=-1)
+    np.testing.assert_allclose(lengths, np.broadcast_to(lengths[:, :1], lengths.shape), rtol=1e-4)
 
 
 def test_rows_do_not_depend_on_their_neighbours(light):
@@ -91,7 +121,13 @@ def test_convolution_equals_a_direct_sum():
 
 
 @pytest.mark.parametrize(
-    ("change", "word"), [({"variant": "huge"}, "variant"), ({"height": 32}, "90|64"), ({"waypoints": 1}, "waypoints")]
+    ("change", "word"),
+    [
+        ({"variant": "huge"}, "variant"),
+        ({"height": 32}, "90|64"),
+        ({"waypoints": 1}, "waypoints"),
+        ({"goal_is_end": True}, "even"),
+    ],
 )
 def test_impossible_configurations_are_refused_in_one_sentence(change, word):
     with pytest.raises(InputError, match=word):
