@@ -36,21 +36,21 @@ class FilmSettings:
 
     Attributes:
         height: [px] of the robot's view, which is 4 : 3; the other two panels together are as high.
-        every: 2 films every second frame, at the same pace.
+        pace: 2 shows every second frame, so that time runs twice as fast.
         cut: [m] height at which walls and furniture are cut off, so that one can look in from above.
         samples: of anti-aliasing.
     """
 
     height: int = 540
-    every: int = 1
+    pace: int = 2
     cut: float = 0.8
     samples: int = 4
 
     def __post_init__(self) -> None:
         if not 120 <= self.height <= 1200 or self.height % 12:
             raise InputError(f"The film's height is {self.height} px; give a multiple of 12 from 120 to 1200.")
-        if self.every < 1 or not self.cut > 0:
-            raise InputError(f"A film of every {self.every}. frame, cut at {self.cut} m; give at least 1 and above 0.")
+        if self.pace < 1 or not self.cut > 0:
+            raise InputError(f"A film at {self.pace} x, cut at {self.cut} m; give a pace of 1 or more, a cut above 0.")
 
     @property
     def size(self) -> tuple[int, int]:
@@ -74,7 +74,7 @@ def write_film(file: Path, task: Task, episode: EpisodeRecord, settings: FilmSet
         InputError: as for `film_frames`, or a file that cannot be written.
     """
     period = float(np.median(np.diff(np.asarray(episode.time)))) if len(episode.time) > 1 else 1.0
-    return write_frames(file, film_frames(task, episode, settings), 1.0 / (period * settings.every))
+    return write_frames(file, film_frames(task, episode, settings), 1.0 / period)
 
 
 def film_frames(
@@ -107,13 +107,13 @@ def film_frames(
     view = VideoSettings(width=settings.height * 4 // 3, height=settings.height, samples=settings.samples)
     data = mujoco.MjData(model)
     with open_renderer(model, view) as renderer:
-        for i in range(0, frames, settings.every):
+        for i in range(0, frames, settings.pace):
             # A frame was seen where the robot stood at the end of the one before.
             place(model, data, qpos[max(i - 1, 0)])
             panels = _seen(data, task, episode, i, settings), _mapped(task, episode, i, seen_from[i], settings)
             place(model, data, qpos[i])
             robot = _robot_view(renderer, data, _camera(track[i], heading[i]), task, episode, i)
-            yield _composed(robot, panels, _caption(task, episode, i, speed[i]))
+            yield _composed(robot, panels, _caption(task, episode, i, speed[i], settings.pace))
 
 
 def film_model(scene: Scene, cut: float) -> mujoco.MjModel:
@@ -218,11 +218,12 @@ def _composed(robot: np.ndarray, panels: tuple[np.ndarray, np.ndarray], caption:
     return np.concatenate([strip, picture])
 
 
-def _caption(task: Task, episode: EpisodeRecord, i: int, speed: float) -> tuple[str, str]:
+def _caption(task: Task, episode: EpisodeRecord, i: int, speed: float, pace: int) -> tuple[str, str]:
     outcome, goal = Outcome(int(episode.outcome[i])), min(int(episode.goal[i]) + 1, len(task.goals))
     state = "walking to its goal" if not episode.stopped[i] else "standing still: no safe way"
     if outcome is not Outcome.RUNNING:
         state = SENTENCES[outcome]
     elif len(task.goals) > 1 and not episode.stopped[i]:
         state = f"walking to goal {goal} of {len(task.goals)}"
-    return f"{task.name}    {float(episode.time[i]):5.1f} s    {speed:.2f} m/s", state
+    played = f"    (x {pace})" if pace > 1 else ""
+    return f"{task.name}    {float(episode.time[i]):5.1f} s    {speed:.2f} m/s{played}", state

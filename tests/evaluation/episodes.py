@@ -96,3 +96,20 @@ def _standing(track: np.ndarray, shift: int) -> np.ndarray:
     held = np.arange(len(track)) + shift
     held = np.clip(held - held % 8, 0, len(track) - 1)
     return np.column_stack([track[held], np.zeros(len(track))])
+
+
+class StubProgram:
+    """Walks every task straight to its goals, but each third into an obstacle; counts its runs."""
+
+    def __init__(self, images: bool = False, log: list | None = None) -> None:
+        self.images, self.log = images, [] if log is None else log
+
+    def run(self, tasks, seed=0, *, on_progress=lambda seconds, running: None) -> EpisodeRecord:
+        self.log.append((len(tasks), seed))
+        parts = []
+        for number, task in enumerate(tasks):
+            outcome = Outcome.COLLIDED if number % 3 == 2 else Outcome.REACHED
+            corners = (task.start[:2], *task.goals)
+            parts.append(make_record(corners, (outcome,), seconds=4.0, images=self.images))
+            on_progress(4.0 * (number + 1), len(tasks) - number - 1)
+        return EpisodeRecord(*(np.concatenate(leaves) for leaves in zip(*parts)))

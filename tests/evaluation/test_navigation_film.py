@@ -17,7 +17,7 @@ from iwalker_jax.navigation.task import Outcome  # noqa: E402
 from iwalker_jax.perception.camera import CameraMount, camera_pose  # noqa: E402
 from tests.evaluation.episodes import make_record, make_task, room  # noqa: E402
 
-SMALL = FilmSettings(height=120, every=5, samples=0)
+SMALL = FilmSettings(height=120, pace=5, samples=0)
 SIZE = (480, 270)
 AHEAD = Plan(
     np.stack([np.linspace(0, 2, 21), np.zeros(21)], axis=1),
@@ -145,7 +145,7 @@ def test_an_episode_without_images_is_one_sentence():
         next(film_frames(make_task(), row_of(make_record(), 0)))
 
 
-@pytest.mark.parametrize("options", [{"height": 121}, {"every": 0}, {"cut": 0.0}])
+@pytest.mark.parametrize("options", [{"height": 121}, {"pace": 0}, {"cut": 0.0}])
 def test_bad_settings(options):
     with pytest.raises(InputError):
         FilmSettings(**options)
