@@ -7,8 +7,9 @@ from pathlib import Path
 _XLA_CPU_FLAGS = (
     # jaxlib 0.10's concurrency-optimised scheduler can hang for ever on large vmapped CPU programs.
     "--xla_cpu_enable_concurrency_optimized_scheduler=false",
-    # Compiles the solvers' small loops as one kernel each instead of dispatching every operation: up to 10x faster.
-    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=4000000",
+    # The first compiles the solvers' small loops as one kernel each instead of dispatching every operation: up to 10x
+    # faster. The second keeps LLVM from unrolling short loops over a batch before it has vectorised them: 2x faster.
+    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=4000000,-unroll-full-max-count=4",
 )
 
 

@@ -79,10 +79,13 @@ def test_in_open_space_the_route_ends_at_the_goal(goal):
 
 
 def test_the_route_stops_where_sight_ends():
-    """Property: from x = 2 m on nothing was seen, so the route ends just before."""
+    """Property: from x = 2 m on nothing was seen, so the route ends just before.
+
+    Shortest routes on the graph mix steps straight ahead and knight's steps, in any order; rounding chooses one.
+    """
     points = route(OPEN, (CENTRES[..., 0] > 2.0).astype(np.float32), (4.0, 1.0))
     assert 1.6 < points[-1, 0] < 2.05
-    assert abs(points[-1, 1] - points[-1, 0] / 4) < 0.35
+    assert -0.06 < points[-1, 1] < points[-1, 0] / 2 + 0.06
 
 
 def test_the_route_does_not_resume_behind_an_unseen_strip():
