@@ -1,47 +1,86 @@
-"""Evaluate a trained planner on test sequences and unseen scenes: python -m experiments.evaluate --run runs/default."""
-
-from iwalker_jax.runtime import configure_runtime
-
-if __name__ == "__main__":
-    configure_runtime()
+"""Evaluate a planner on single frames and on walks to goals: python -m experiments.evaluate [--run FOLDER]."""
 
 import sys
+
+from iwalker_jax.runtime import configure_runtime, requested_devices
+from iwalker_jax.simulation.headless import configure_rendering
+
+if __name__ == "__main__":
+    configure_runtime(requested_devices(sys.argv))
+    configure_rendering()
+
+import os
+import platform
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
+import jax
 import tyro
 
-from experiments.console import console, exit_with, say
+from experiments.console import Advance, console, exit_with, progress_bar, say
 from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.evaluation.navigation_film import FilmSettings
+from iwalker_jax.evaluation.navigation_report import Report, write_report
+from iwalker_jax.evaluation.navigation_study import MakeProgram, Program, Progress, Study, run_study
+from iwalker_jax.evaluation.navigation_tables import COLUMNS, navigation_table
+from iwalker_jax.evaluation.navigation_walks import StudySettings
 from iwalker_jax.evaluation.report import evaluate_all, standard_sequences
 from iwalker_jax.evaluation.sequences import Sequence
-from iwalker_jax.evaluation.tables import legend
+from iwalker_jax.evaluation.tables import Table, legend
+from iwalker_jax.navigation.episodes import EpisodeProgram
+from iwalker_jax.navigation.navigators import make_navigator
+from iwalker_jax.planning.planner import Planner
 from iwalker_jax.simulation.test_scenes import TEST_NAMES
 from iwalker_jax.training.checkpoints import load_run
+from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training.pretrained import load_planner
 from iwalker_jax.training.recording_frames import frames_from_recording
 from iwalker_jax.training.train_step import planner_from
 
 
 @dataclass(frozen=True)
 class Command:
-    """Evaluate a trained planner on the test sequences and on unseen scenes.
+    """Evaluate a planner: its plans on single frames of test sequences and unseen scenes, and its walks to goals.
+
+    Walks are logged as they end: the same command goes on where it was stopped.
 
     Attributes:
-        run: folder of the training run.
-        checkpoint: step to load; the newest readable one if left out.
-        out: folder for the tables and pictures; <run>/evaluation if left out.
-        scenes: test sequences to evaluate.
-        unseen_scenes: number of held-out generated scenes; 0 leaves them out.
+        run: folder of a training run; the planner that ships with the package if left out.
+        checkpoint: step of the run to load; the newest readable one if left out.
+        out: folder for everything; <run>/evaluation, or runs/pretrained/evaluation, if left out.
+        scenes: test sequences whose frames to evaluate.
+        unseen_scenes: number of held-out generated scenes whose frames to evaluate; 0 leaves them out.
         data: also evaluate on the frames of your own recording (only what needs no ground truth).
+        walks: comma-separated sets of walks: generated, factory, corridor, office, test_stair, test_office,
+            test_corridor, test_corner; `none` for no walks.
+        count: of generated walks.
+        seeds: of every other set.
+        policies: comma-separated: default, networks (as published) and classical (no iPath).
+        depth: noisy or ideal depth images.
+        state: what the robot knows of its own state: estimated from noisy sensors, or true.
+        width: episodes walked at a time.
+        devices: number of devices, all by default; on a CPU that many are made of its cores.
+        videos: film the first policy on the first walk of every set.
         seed: of walks, noise and robot states.
     """
 
-    run: Path = Path("runs/default")
+    run: Path | None = None
     checkpoint: int | None = None
     out: Path | None = None
     scenes: tuple[str, ...] = TEST_NAMES
     unseen_scenes: int = 60
     data: Path | None = None
+    walks: str = "generated,factory,corridor,office"
+    count: int = 200
+    seeds: int = 10
+    policies: str = "default,networks,classical"
+    depth: Literal["noisy", "ideal"] = "noisy"
+    state: Literal["estimated", "true"] = "estimated"
+    width: int = 20
+    devices: int | None = None
+    videos: bool = True
     seed: int = 0
 
 
@@ -49,21 +88,119 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
     try:
-        state, config = load_run(command.run, command.checkpoint, say)
-        say(f"Checkpoint of step {int(state.step)} ({config.method}).")
-        planner = planner_from(config, state.params)
-        sequences = standard_sequences(command.scenes, command.unseen_scenes, command.seed, say=say)
-        if command.data is not None:
-            sequences.append(Sequence("recording", frames_from_recording(command.data, say=say), None))
-        out = command.out or command.run / "evaluation"
-        table = evaluate_all(planner, config.models, sequences, out, say=say)
+        planner, config, name = planner_of(command)
+        # Wrong names are said before an hour of work.
+        settings = study_settings(command, name)
+        out = command.out or (command.run or Path("runs/pretrained")) / "evaluation"
+        frames = evaluate_frames(command, planner, config, out)
+        study = Study() if settings is None else evaluate_walks(command, settings, planner, out)
+        page = write_report(out, Report(f"Evaluation of {name}", described(command, name), machine(), study, frames))
     except (InputError, CheckpointError, OSError) as error:
         exit_with(error)
+    except KeyboardInterrupt:
+        say("Stopped; the same command goes on with the walks where they are.")
+        return 130
+    say(f"Pictures and tables are in {out}; the report is {page}.")
+    return 0
+
+
+def planner_of(command: Command) -> tuple[Planner, TrainConfig, str]:
+    """The planner to evaluate, its configuration and its name."""
+    if command.run is None:
+        if command.checkpoint is not None:
+            raise InputError("A checkpoint belongs to a run; give the run's folder with --run.")
+        return *load_planner(), "pretrained"
+    state, config = load_run(command.run, command.checkpoint, say)
+    say(f"Checkpoint of step {int(state.step)} ({config.method}).")
+    return planner_from(config, state.params), config, f"{command.run}, step {int(state.step)}"
+
+
+def study_settings(command: Command, name: str) -> StudySettings | None:
+    """What is walked; None if nothing is."""
+    if command.walks.strip() == "none":
+        return None
+    walks, policies = (
+        tuple(word.strip() for word in words.split(",") if word.strip()) for words in (command.walks, command.policies)
+    )
+    return StudySettings(
+        name,
+        policies,
+        walks,
+        command.count,
+        command.seeds,
+        command.depth,
+        command.state,
+        command.seed,
+        command.width,
+    )
+
+
+def evaluate_frames(command: Command, planner: Planner, config: TrainConfig, out: Path) -> Table | None:
+    """The table of single frames, printed and saved; None if no frames are asked for."""
+    sequences = standard_sequences(command.scenes, command.unseen_scenes, command.seed, say=say)
+    if command.data is not None:
+        sequences.append(Sequence("recording", frames_from_recording(command.data, say=say), None))
+    if not sequences:
+        return None
+    table = evaluate_all(planner, config.models, sequences, out, say=say)
     console.print()
     say(table.text())
     say(legend())
-    say(f"Pictures and tables are in {out}.")
-    return 0
+    return table
+
+
+def evaluate_walks(command: Command, settings: StudySettings, planner: Planner, out: Path) -> Study:
+    """The walks, progress shown, and their table printed."""
+    film = FilmSettings() if command.videos else None
+    with ExitStack() as stack:
+        bars: list[Advance] = []
+
+        def show(progress: Progress) -> None:
+            if not bars:
+                bars.append(stack.enter_context(progress_bar("walks", progress.total)))
+            bars[0](progress.done, f"{progress.policy}: {progress.running} on their way")
+
+        study = run_study(settings, program_maker(command, planner), out, film, show, say)
+    console.print()
+    say(navigation_table(study.groups).text())
+    say(legend(COLUMNS))
+    return study
+
+
+def program_maker(command: Command, planner: Planner) -> MakeProgram:
+    """How the programs of the policies are made."""
+    sensors: Literal["nominal", "none"] = "nominal" if command.state == "estimated" else "none"
+
+    def make(policy: str, width: int, images: bool) -> Program:
+        navigator = make_navigator(policy, planner, sensors, command.depth == "noisy")
+        return EpisodeProgram(navigator, width, command.devices, images)
+
+    return make
+
+
+def described(command: Command, name: str) -> dict[str, str]:
+    """The settings in words, for the report."""
+    words = {"planner": name, "seed": str(command.seed)}
+    frames = [*command.scenes, *([f"{command.unseen_scenes} unseen scenes"] if command.unseen_scenes else [])]
+    if frames:
+        words["frames"] = ", ".join(frames)
+    if command.walks.strip() != "none":
+        words |= {
+            "walks": f"{command.walks.replace(',', ', ')}; {command.count} generated, {command.seeds} of each other",
+            "policies": command.policies.replace(",", ", "),
+            "depth": command.depth,
+            "state": command.state,
+        }
+    return words
+
+
+def machine() -> str:
+    """The machine in words."""
+    device = jax.devices()[0]
+    return (
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {jax.device_count()} x "
+        f"{device.device_kind}, jax {jax.__version__}"
+    )
 
 
 if __name__ == "__main__":

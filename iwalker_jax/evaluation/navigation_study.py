@@ -20,7 +20,13 @@ Groups = dict[tuple[str, str], list[EpisodeMetrics]]
 
 
 class Program(Protocol):
-    """Walks tasks to their ends, as `EpisodeProgram` does."""
+    """Walks tasks to their ends, as `EpisodeProgram` does.
+
+    Attributes:
+        compile_seconds: [s] spent so far on compilation.
+    """
+
+    compile_seconds: float
 
     def run(
         self, tasks: Sequence[Task], seed: int = 0, *, on_progress: Callable[[float, int], None]
@@ -63,6 +69,16 @@ class Study:
             yield
         finally:
             self.seconds[purpose] = self.seconds.get(purpose, 0.0) + time.perf_counter() - began
+
+    @contextmanager
+    def walking(self, program: Program) -> Iterator[None]:
+        """Count the block's time as walking, but for what the program spends on compilation."""
+        before = program.compile_seconds
+        with self.timed("walking"):
+            yield
+        compiling = program.compile_seconds - before
+        self.seconds["compiling"] = self.seconds.get("compiling", 0.0) + compiling
+        self.seconds["walking"] -= compiling
 
 
 def run_study(
@@ -113,7 +129,7 @@ def run_study(
 
         on_progress(Progress(done, total, policy, len(batch)))
         seed = settings.seed * SEEDS_APART + first // settings.width
-        with study.timed("walking"):
+        with study.walking(program):
             record = program.run([walk.task for walk in batch], seed, on_progress=report)
         with study.timed("figures, tables and sheets"):
             for i in range(first, first + len(batch)):
@@ -170,9 +186,10 @@ def make_films(
     files = [folder / "films" / f"{policy}-{walk.walks}-{settings.tag}.webm" for walk in starring]
     if not all(file.exists() for file in files):
         say(f"Walking {len(starring)} episodes again, with images, for the films.")
-        with study.timed("walking for films"):
+        with study.timed("building policies"):
             program = make_program(policy, len(starring), True)
-            tasks = [walk.task for walk in starring]
+        tasks = [walk.task for walk in starring]
+        with study.walking(program):
             record = program.run(tasks, settings.seed * SEEDS_APART, on_progress=lambda seconds, running: None)
         with study.timed("drawing films"):
             for i, file in enumerate(files):

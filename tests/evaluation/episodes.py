@@ -103,6 +103,7 @@ class StubProgram:
 
     def __init__(self, images: bool = False, log: list | None = None) -> None:
         self.images, self.log = images, [] if log is None else log
+        self.compile_seconds = 0.0
 
     def run(self, tasks, seed=0, *, on_progress=lambda seconds, running: None) -> EpisodeRecord:
         self.log.append((len(tasks), seed))

@@ -7,7 +7,9 @@ import shutil
 import cv2
 import pytest
 
-from tests.experiments.commands import SCENES, evaluate_command, fails_with_one_sentence
+from experiments import evaluate
+from tests.evaluation.episodes import StubProgram
+from tests.experiments.commands import SCENES, evaluate_command, evaluate_walks_command, fails_with_one_sentence
 from tests.training.recording_folders import write_yaml_recording
 
 
@@ -44,6 +46,59 @@ def test_ones_own_recording_is_scored_without_ground_truth(finished_run, tmp_pat
     assert float(row["feasibility"]) > 0
     sheet = cv2.imread(str(tmp_path / "out" / "recording.png"))
     assert sheet is not None and sheet.std() > 10
+
+
+@pytest.fixture
+def pretended(monkeypatch):
+    """Programs that only pretend to walk; the policies that were made."""
+    made = []
+
+    def program_maker(command, planner):
+        def make(policy, width, images):
+            made.append(policy)
+            return StubProgram(images)
+
+        return make
+
+    monkeypatch.setattr(evaluate, "program_maker", program_maker)
+    return made
+
+
+def test_walks_are_logged_tabled_and_reported_and_not_repeated(finished_run, pretended, tmp_path, capsys):
+    arguments = ("--walks", "corridor,office", "--policies", "default,classical", "--out", str(tmp_path))
+    assert evaluate_walks_command(finished_run.folder, *arguments) == 0
+    assert pretended == ["default", "classical"]
+    with (tmp_path / "episodes.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["policy"], row["walks"]) for row in rows[::2]] == [
+        (policy, walks) for policy in pretended for walks in ("corridor", "office")
+    ]
+    assert "success %" in capsys.readouterr().out
+    assert "step 4" in (tmp_path / "report.html").read_text()
+    assert not (tmp_path / "table.csv").exists()
+    assert evaluate_walks_command(finished_run.folder, *arguments) == 0
+    assert len(pretended) == 2 and "4 of 4 batches" in capsys.readouterr().out
+
+
+def test_a_stopped_command_says_how_to_go_on(finished_run, tmp_path, monkeypatch, capsys):
+    def stopped(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(evaluate, "program_maker", lambda command, planner: stopped)
+    assert evaluate_walks_command(finished_run.folder, "--walks", "corridor", "--out", str(tmp_path)) == 130
+    assert "goes on" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"), [(("--walks", "ballroom"), "ballroom"), (("--policies", "psychic"), "psychic")]
+)
+def test_unknown_walks_and_policies_are_one_sentence(finished_run, tmp_path, capsys, arguments, words):
+    run = lambda: evaluate_walks_command(finished_run.folder, "--out", str(tmp_path), *arguments)  # noqa: E731
+    assert words in fails_with_one_sentence(run, capsys)
+
+
+def test_a_checkpoint_without_a_run_is_one_sentence(capsys):
+    assert "--run" in fails_with_one_sentence(lambda: evaluate.main(["--checkpoint", "3"]), capsys)
 
 
 def _copy(finished_run, tmp_path):
