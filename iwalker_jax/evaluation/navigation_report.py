@@ -24,13 +24,14 @@ _STYLE = """
 :root { color-scheme: light; --ink: #22242a; --soft: #6b6f78; --line: #e2e1dc; --back: #fbfbf9; --accent: #1f6fb2; }
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--back); color: var(--ink); font: 15px/1.55 system-ui, sans-serif; }
-main { max-width: 1180px; margin: 0 auto; padding: 36px 24px 72px; }
+main { max-width: 1280px; margin: 0 auto; padding: 36px 24px 72px; }
 h1 { font-size: 27px; margin: 0 0 4px; } h2 { font-size: 19px; margin: 44px 0 12px; }
 p.soft, li.soft, figcaption, .legend { color: var(--soft); font-size: 13px; }
 .scroll { overflow-x: auto; border: 1px solid var(--line); border-radius: 8px; background: #fff; }
 table { border-collapse: collapse; width: 100%; font-size: 13px; font-variant-numeric: tabular-nums; }
-th, td { padding: 7px 11px; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line); }
-tr:last-child td { border-bottom: 0; } th { color: var(--soft); font-weight: 600; background: #f5f4f0; }
+th, td { padding: 7px 9px; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line); }
+tr:last-child td { border-bottom: 0; }
+th { color: var(--soft); font-weight: 600; background: #f5f4f0; white-space: normal; vertical-align: bottom; }
 td.label, th.label { text-align: left; } td small { display: block; color: var(--soft); font-size: 11px; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 3px 18px; margin: 0; }
 dt { color: var(--soft); } dd { margin: 0; }
