@@ -348,6 +348,7 @@ def _record(
         footsteps=state.plan.positions,
         clearance=clearance,
         stopped=wish.stop,
+        detour=wish.guidance.detour,
         torque_share=share,
         qp_failures=jnp.sum(samples.qp_failures),
         depth=jnp.zeros((0, 0), jnp.float16) if depth is None else depth.astype(jnp.float16),

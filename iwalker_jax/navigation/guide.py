@@ -1,14 +1,14 @@
-"""Which way to go: from what was seen to a path in the world, by the network or by the classical route planner."""
+"""Which way to go: from what was seen to a path in the world, by the networks, the classical planner, or both."""
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.splines import resample_by_arc_length
+from iwalker_jax.geometry.splines import arc_length, interpolate_along, resample_by_arc_length
 from iwalker_jax.navigation.camera import to_base, to_world
 from iwalker_jax.navigation.map_memory import MapMemory, MemoryRules, remember, remembered, window_origin
 from iwalker_jax.navigation.path_band import BAND_POINTS, BandRules, safe_path
@@ -17,12 +17,13 @@ from iwalker_jax.perception.collision_map import DEFAULT_RULES
 from iwalker_jax.perception.cost_to_go import cost_to_go
 from iwalker_jax.perception.depth_cleanup import clean_depth
 from iwalker_jax.perception.distance_field import signed_distance_field
-from iwalker_jax.perception.grid import DEFAULT_GRID
+from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
 from iwalker_jax.perception.local_map import free_and_occupied
 from iwalker_jax.perception.seen_route import seen_route
 from iwalker_jax.perception.traversal import TraversalRules, halved, pool_2x2, softened, traversal_cost
+from iwalker_jax.planning.planner import Planner
 
-PathSource = Literal["network", "route"]
+PathSource = Literal["network", "guided", "route"]
 
 
 @dataclass(frozen=True)
@@ -30,20 +31,27 @@ class GuideRules:
     """How a path comes about.
 
     Attributes:
-        source: `network` asks iPath, `route` the geodesic planner on the remembered map.
+        source: `network` asks iPath alone, `guided` asks iPath for a way to the next way point of the route, `route`
+            takes the route itself: the cheapest way to the goal on the remembered map.
+        ahead: [m] along the route to the way point that iPath gets.
+        headway: share of the cost to that point that iPath's path must take off the cost-to-go; else the route is used.
         band: whether the path is drawn off the remembered obstacles and cut before a collision.
         memory, band_rules, traversal: their numbers.
     """
 
-    source: PathSource = "network"
+    source: PathSource = "guided"
+    ahead: float = 1.6
+    headway: float = 0.3
     band: bool = True
     memory: MemoryRules = MemoryRules()
     band_rules: BandRules = BandRules()
     traversal: TraversalRules = TraversalRules()
 
     def __post_init__(self) -> None:
-        if self.source not in ("network", "route"):
-            raise InputError(f"Unknown source of paths {self.source!r}; choose 'network' or 'route'.")
+        if self.source not in get_args(PathSource):
+            raise InputError(f"Unknown source of paths {self.source!r}; choose {', '.join(get_args(PathSource))}.")
+        if not self.ahead > 0:
+            raise InputError(f"The way point must lie ahead of the robot, got {self.ahead} m.")
 
 
 class Sight(NamedTuple):
@@ -67,12 +75,12 @@ class Guidance(NamedTuple):
     Attributes:
         path: (BAND_POINTS, 2) [m] world, evenly spaced from the robot on; a point if there is no way.
         look: (2,) [m] world, where to turn to if the path gives no direction.
-        cut: () bool, the band had to end the path before an obstacle.
+        detour: () bool, the route took the place of a path of iPath's that led nowhere.
     """
 
     path: Float[Array, "k 2"]
     look: Float[Array, "2"]
-    cut: Bool[Array, ""]
+    detour: Bool[Array, ""]
 
 
 def guide(
@@ -84,45 +92,76 @@ def guide(
         planner: graph and parameters of a `Planner`.
         intrinsics: of the depth image.
     """
-    uses_map = rules.band or rules.source == "route"
-    if uses_map:
-        clean = clean_depth(sight.depth)
-        frame = free_and_occupied(clean, sight.mount, intrinsics, DEFAULT_GRID, DEFAULT_RULES)
-        memory = remember(rules.memory, memory, sight.base, *frame)
+    network = nnx.merge(*planner)
+    if rules.source == "network" and not rules.band:
+        path = _asked(network, sight, sight.goal)
+        return memory, Guidance(resample_by_arc_length(path, BAND_POINTS), sight.goal, jnp.asarray(False))
+    frame = free_and_occupied(clean_depth(sight.depth), sight.mount, intrinsics, DEFAULT_GRID, DEFAULT_RULES)
+    memory = remember(rules.memory, memory, sight.base, *frame)
     origin = window_origin(rules.memory, memory)
     occupied, unknown = remembered(rules.memory, memory)
-    if rules.source == "network":
-        network = nnx.merge(*planner)
-        goal = to_base(sight.base, sight.goal)
-        path, _, _ = network.plan_path(sight.depth[None], goal[None], sight.mount[None])
-        path, look = to_world(sight.base, path[0]), sight.goal
-    if uses_map:
-        esdf = signed_distance_field(occupied, rules.memory.resolution)
+    esdf = signed_distance_field(occupied, rules.memory.resolution)
+    look = sight.goal
+    if rules.source != "network":
+        to_go = _cost_to_go(rules, esdf, unknown, sight.goal - origin)
+        seen, whole = _routes(rules, to_go, unknown, sight.base[:2] - origin, sight.goal - origin)
+        seen, whole = seen + origin, whole + origin
+        look = _on_route(whole, 0.5)
     if rules.source == "route":
-        path, look = _route(rules, esdf, unknown, sight.base[:2] - origin, sight.goal - origin)
-        path, look = path + origin, look + origin
+        path = seen
+    else:
+        path = _asked(network, sight, sight.goal if rules.source == "network" else _on_route(whole, rules.ahead))
     if not rules.band:
         return memory, Guidance(resample_by_arc_length(path, BAND_POINTS), look, jnp.asarray(False))
-    band, cut = safe_path(rules.band_rules, path - origin, esdf, rules.memory.grid)
-    return memory, Guidance(resample_by_arc_length(band + origin, BAND_POINTS), look, cut)
+    band, detour = safe_path(rules.band_rules, path - origin, esdf, rules.memory.grid)
+    if rules.source == "guided":
+        # Where iPath sees no way that leads on, the route, likewise drawn off the obstacles, does.
+        start, end = (_cost_at(to_go, halved(rules.memory.grid), point) for point in (band[0], band[-1]))
+        detour = detour | (start - end < rules.headway * jnp.minimum(start, rules.ahead))
+        other, _ = safe_path(rules.band_rules, seen - origin, esdf, rules.memory.grid)
+        band = jnp.where(detour, other, band)
+    return memory, Guidance(resample_by_arc_length(band + origin, BAND_POINTS), look, detour)
 
 
-def _route(
+def _asked(network: Planner, sight: Sight, goal: Float[Array, "2"]) -> Float[Array, "n 2"]:
+    """iPath's path to a goal, world frame."""
+    path, _, _ = network.plan_path(sight.depth[None], to_base(sight.base, goal)[None], sight.mount[None])
+    return to_world(sight.base, path[0])
+
+
+def _cost_to_go(
+    rules: GuideRules, esdf: Float[Array, "n n"], unknown: Bool[Array, "n n"], goal: Float[Array, "2"]
+) -> Float[Array, "half half"]:
+    """Cost of the cheapest route to the goal from every cell of the window, halved."""
+    cost = traversal_cost(pool_2x2(esdf), _unseen(unknown, esdf), rules.traversal)
+    return cost_to_go(cost, goal, halved(rules.memory.grid)).value.cost
+
+
+def _unseen(unknown: Bool[Array, "n n"], esdf: Float[Array, "n n"]) -> Float[Array, "half half"]:
+    return softened(pool_2x2(unknown.astype(esdf.dtype)))
+
+
+def _routes(
     rules: GuideRules,
-    esdf: Float[Array, "n n"],
+    to_go: Float[Array, "half half"],
     unknown: Bool[Array, "n n"],
     start: Float[Array, "2"],
     goal: Float[Array, "2"],
-) -> tuple[Float[Array, "points 2"], Float[Array, "2"]]:
-    """The best seen route on the window, and a point of the whole route half a metre on."""
-    grid = halved(rules.memory.grid)
-    unseen = softened(pool_2x2(unknown.astype(esdf.dtype)))
-    cost = traversal_cost(pool_2x2(esdf), unseen, rules.traversal)
-    to_go = cost_to_go(cost, goal, grid).value.cost
+) -> tuple[Float[Array, "points 2"], Float[Array, "points 2"]]:
+    """The cheapest route on the window, as far as it was seen, and the whole of it."""
+    grid, unseen = halved(rules.memory.grid), _unseen(unknown, to_go)
     whole = seen_route(to_go, jnp.zeros_like(unseen), goal, start, grid)
-    far = jnp.sum((whole - start) ** 2, axis=-1) > 0.5**2
-    look = jnp.where(jnp.any(far), whole[jnp.argmax(far)], goal)
-    return seen_route(to_go, unseen, goal, start, grid), look
+    return seen_route(to_go, unseen, goal, start, grid), whole
+
+
+def _cost_at(to_go: Float[Array, "half half"], grid: GridSpec, point: Float[Array, "2"]) -> Float[Array, ""]:
+    cell = jnp.clip(jnp.round(grid.cell_coordinates(point)).astype(jnp.int32), 0, jnp.asarray(grid.shape) - 1)
+    return to_go[cell[0], cell[1]]
+
+
+def _on_route(route: Float[Array, "points 2"], distance: float) -> Float[Array, "2"]:
+    """The point of a route at a distance [m] along it, or its end."""
+    return interpolate_along(arc_length(route), route, jnp.full(1, distance, route.dtype))[0]
 
 
 def blank_guidance(base: Float[Array, "3"], goal: Float[Array, "2"]) -> Guidance:

@@ -22,11 +22,11 @@ from iwalker_jax.simulation.walking import Conditions
 
 POLICIES: dict[str, tuple[GuideRules, PursuitRules | None]] = {
     "default": (GuideRules(), PursuitRules()),
-    "networks": (GuideRules(band=False), None),
+    "networks": (GuideRules(source="network", band=False), None),
     "classical": (GuideRules(source="route"), PursuitRules()),
 }
-"""default: iPath's path drawn off the remembered obstacles, iStepper on a line that the robot can turn along. networks:
-iPath and iStepper as published. classical: the cheapest route on the remembered map instead of iPath's path."""
+"""default: iPath's path to the next way point of the remembered route, drawn off the obstacles; iStepper on a line that
+the robot can turn along. networks: iPath and iStepper as published. classical: the route instead of iPath's path."""
 
 
 def make_navigator(

@@ -112,6 +112,7 @@ class EpisodeRecord(NamedTuple):
         footsteps: (m, 2) [m] planned, world frame.
         clearance: [m] between the body's volume and the nearest obstacle; negative inside.
         stopped: whether the robot holds still for its own safety (blind or frozen camera, no way).
+        detour: whether the classical route took the place of a path of iPath's that led nowhere.
         torque_share: largest motor torque since the last frame over its limit.
         qp_failures: ticks since the last frame whose whole-body QP did not converge.
         depth: (height, width) float16 [m] as the planner sees it, and
@@ -129,6 +130,7 @@ class EpisodeRecord(NamedTuple):
     footsteps: Float[Array, "*n m 2"]
     clearance: Float[Array, "*n"]
     stopped: Bool[Array, "*n"]
+    detour: Bool[Array, "*n"]
     torque_share: Float[Array, "*n"]
     qp_failures: Int[Array, "*n"]
     depth: Float[Array, "*n h w"]
