@@ -209,10 +209,10 @@ def _corridor(jitter: _Jitter) -> _Design:
         ],
     )
     for leg, forward, left, piece in (
-        (0, 1.9, -0.45, f.bin_(layout)),
+        (0, 1.9, -0.45, _plant(1.0)),
         (1, 1.2, -0.42, _drum(0.18, 0.6)),
         (2, 1.95, -0.45, _plant(1.1)),
-        (3, 1.75, 0.42, f.bin_(layout)),
+        (3, 1.75, 0.42, _drum(0.17, 0.5)),
         (4, 0.9, 0.38, f.chair(layout)),
     ):
         piece.build(layout, jitter(*at[leg].point(forward, left), at[leg].yaw + 0.3))

@@ -130,8 +130,10 @@ def _voxel_of(points: Float[np.ndarray, "n 3"], pitch: float) -> Int[np.ndarray,
 
 def _filled(voxels: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, "m 3"]:
     """Voxels of a closed shell and of what it encloses."""
-    origin = voxels.min(axis=0, initial=0)
-    shell = np.zeros(voxels.max(axis=0, initial=0) - origin + 1, bool)
+    if not len(voxels):
+        return voxels
+    origin = voxels.min(axis=0)
+    shell = np.zeros(voxels.max(axis=0) - origin + 1, bool)
     shell[tuple((voxels - origin).T)] = True
     filled = trimesh.voxel.morphology.fill(trimesh.voxel.encoding.DenseEncoding(shell), method="holes").dense
     return np.argwhere(filled) + origin

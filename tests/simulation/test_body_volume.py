@@ -92,7 +92,7 @@ def test_distances_are_those_of_c_mujoco(clearance, model, name):
 
 
 def test_spheres_keep_the_tolerance(model, volume):
-    """Oracle: NumPy's distances of random points in every geom to the spheres, and of the spheres' skin to the geoms."""
+    """Oracle: NumPy, from random points in every geom to the spheres and from the spheres' skin to the geoms."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     bodies = np.asarray(volume.bodies)
