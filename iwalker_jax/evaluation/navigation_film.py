@@ -220,10 +220,12 @@ def _composed(robot: np.ndarray, panels: tuple[np.ndarray, np.ndarray], caption:
 
 def _caption(task: Task, episode: EpisodeRecord, i: int, speed: float, pace: int) -> tuple[str, str]:
     outcome, goal = Outcome(int(episode.outcome[i])), min(int(episode.goal[i]) + 1, len(task.goals))
-    state = "walking to its goal" if not episode.stopped[i] else "standing still: no safe way"
+    state = f"walking to goal {goal} of {len(task.goals)}" if len(task.goals) > 1 else "walking to its goal"
     if outcome is not Outcome.RUNNING:
         state = SENTENCES[outcome]
-    elif len(task.goals) > 1 and not episode.stopped[i]:
-        state = f"walking to goal {goal} of {len(task.goals)}"
+    elif episode.stopped[i]:
+        state = "stopping"
+    elif episode.detour[i]:
+        state += ", by the classical route"
     played = f"    (x {pace})" if pace > 1 else ""
     return f"{task.name}    {float(episode.time[i]):5.1f} s    {speed:.2f} m/s{played}", state

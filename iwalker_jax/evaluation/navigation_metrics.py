@@ -36,6 +36,7 @@ class EpisodeMetrics(NamedTuple):
         torque_peak: largest torque of a motor over its limit.
         qp_failures: share of the ticks whose whole-body QP did not converge.
         shaking: [m] mean distance between the path before and the point `AHEAD` on each new path, world frame.
+        detours: share of the frames in which the classical route took the place of iPath's path.
     """
 
     outcome: Outcome
@@ -48,6 +49,7 @@ class EpisodeMetrics(NamedTuple):
     torque_peak: float
     qp_failures: float
     shaking: float
+    detours: float
 
     @property
     def success(self) -> bool:
@@ -100,6 +102,7 @@ def episode_metrics(
         torque_peak=_reduced(np.max, episode.torque_share),
         qp_failures=float(np.sum(episode.qp_failures)) * time_step / seconds if seconds > 0 else 0.0,
         shaking=path_shaking(np.asarray(episode.path)),
+        detours=float(np.mean(np.asarray(episode.detour))),
     )
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.navigation_metrics import row_of
 from iwalker_jax.evaluation.navigation_pictures import save_episode_grid
 from iwalker_jax.evaluation.navigation_walks import StudySettings, Walk
@@ -29,8 +30,11 @@ def save_traces(file: Path, record: EpisodeRecord) -> None:
 
 
 def load_traces(file: Path) -> EpisodeRecord:
-    """What `save_traces` wrote."""
+    """What `save_traces` wrote; InputError if another version did."""
     with np.load(file) as stored:
+        missing = [name for name in EpisodeRecord._fields if name not in stored.files]
+        if missing:
+            raise InputError(f"{file} is of another version ({missing[0]} is missing); choose another folder.")
         return EpisodeRecord(**{name: stored[name] for name in EpisodeRecord._fields})
 
 

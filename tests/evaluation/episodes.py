@@ -79,7 +79,7 @@ def make_record(
         footsteps=steps,
         clearance=0.3 + 0.1 * np.cos(time),
         stopped=np.zeros(n, bool),
-        detour=np.zeros(n, bool),
+        detour=np.arange(n) % 4 == 0,
         torque_share=np.full(n, 0.5),
         qp_failures=np.zeros(n, int),
         depth=np.broadcast_to(depth, (n, *shape)),

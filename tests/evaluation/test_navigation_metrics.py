@@ -31,7 +31,7 @@ def test_a_reached_episode_by_hand():
     assert got.spl == pytest.approx(4.5 / got.walked)
     assert got.speed == pytest.approx(got.walked / got.seconds)
     assert got.clearance == pytest.approx(0.2, abs=1e-3)
-    assert got.torque_peak == 0.5 and got.qp_failures == 0.0
+    assert got.torque_peak == 0.5 and got.qp_failures == 0.0 and got.detours == pytest.approx(0.25, abs=0.01)
 
 
 @pytest.mark.parametrize("outcome", [Outcome.COLLIDED, Outcome.FELL, Outcome.GAVE_UP, Outcome.TIMED_OUT])

@@ -11,13 +11,13 @@ from iwalker_jax.evaluation.navigation_tables import COLUMNS, episode_values, fa
 from iwalker_jax.navigation.task import Outcome
 
 TITLES = [column.title for column in COLUMNS]
-GOOD = EpisodeMetrics(Outcome.REACHED, 20.0, 4.0, 3.0, 0.75, 0.12, 1.0, 0.8, 0.001, 0.03)
+GOOD = EpisodeMetrics(Outcome.REACHED, 20.0, 4.0, 3.0, 0.75, 0.12, 1.0, 0.8, 0.001, 0.03, 0.25)
 BAD = GOOD._replace(outcome=Outcome.COLLIDED, spl=0.0, clearance=-0.01, goals=0.5)
 
 
 def test_an_episodes_values_by_hand():
     assert list(episode_values(GOOD)) == TITLES
-    wanted = [100, 0, 0, 0, 0, 100, 0.75, 20, 4, 0.2, 12, 80, 0.1, 3]
+    wanted = [100, 0, 0, 0, 0, 100, 0.75, 20, 4, 0.2, 12, 25, 80, 0.1, 3]
     assert list(episode_values(GOOD).values()) == pytest.approx(wanted)
     bad = episode_values(BAD)
     assert bad["collided %"] == 100 and bad["success %"] == 0 and np.isnan(bad["time s"])
