@@ -98,7 +98,7 @@ def test_a_stopped_study_goes_on_where_it_was(finished, tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         run_study(SETTINGS, Stopped(), tmp_path, None)
-    assert "classical" not in (tmp_path / "navigation.md").read_text()
+    assert "| classical |" not in (tmp_path / "navigation.md").read_text()
     maker = Maker()
     study = run_study(SETTINGS, maker, tmp_path, None)
     assert maker.made == [("classical", 3, False)]
