@@ -1,4 +1,4 @@
-"""Compare the planner with its baselines on the same frames and seeds: python -m experiments.compare [--seeds 3]."""
+"""Tables I to III: the planner and its baselines on the same frames and seeds: python -m experiments.compare."""
 
 from iwalker_jax.runtime import configure_runtime
 
@@ -8,21 +8,21 @@ if __name__ == "__main__":
 import dataclasses
 from pathlib import Path
 
+from experiments.console import say
 from experiments.study import StudyCommand, Variant, study_main
+from iwalker_jax.evaluation.paper_tables import paper_text, save_paper_tables
+from iwalker_jax.evaluation.tables import Table
 from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.losses import LossWeights
 
 
 def variants(config: TrainConfig) -> tuple[Variant, ...]:
-    """Untrained networks, the heuristic baseline, its fine-tuning with the tracking loss alone, and the planner."""
-    tracking_alone = LossWeights(
-        tracking=config.weights.tracking, route=0, arrival=0, regret=0, progress=0, clearance=0, fear=0
-    )
-    heuristic = dataclasses.replace(config, method="iplanner")
+    """Untrained networks; the heuristic baseline, whose waypoints are free as published; its fine-tuning with U_path
+    added; PPO on the planner's own network and costs; and the planner."""
+    free = dataclasses.replace(config.planner.ipath, even=False)
+    heuristic = dataclasses.replace(config, method="iplanner", planner=dataclasses.replace(config.planner, ipath=free))
     finetuned = dataclasses.replace(
-        config,
+        heuristic,
         method="finetuned",
-        weights=tracking_alone,
         epochs=max(1, config.epochs // 4),
         learning_rate=0.1 * config.learning_rate,
     )
@@ -30,18 +30,26 @@ def variants(config: TrainConfig) -> tuple[Variant, ...]:
         Variant("untrained", config, trained=False),
         Variant("iplanner", heuristic),
         Variant("finetuned", finetuned, starts_from="iplanner"),
+        Variant("ppo", dataclasses.replace(config, method="ppo", learning_rate=0.2 * config.learning_rate)),
         Variant("iwalker", config),
     )
+
+
+def show_paper_tables(table: Table, folder: Path) -> None:
+    """Print and save Tables I to III."""
+    say(paper_text(table))
+    save_paper_tables(table, folder)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     return study_main(
         "compare",
-        "Train the planner and the paper's baselines with several seeds each and print one table.",
+        "Train the planner and the paper's baselines with several seeds each; print and save Tables I to III.",
         StudyCommand(out=Path("runs/compare")),
         variants,
         arguments,
+        show_paper_tables,
     )
 
 

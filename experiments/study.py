@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
-from flax import nnx
 
 from experiments.console import exit_with, progress_bar, say
 from experiments.train import prepare_data
@@ -65,22 +64,32 @@ def study_main(
     default: StudyCommand,
     variants_of: Callable[[TrainConfig], Many[Variant]],
     arguments: list[str] | None,
+    also: Callable[[Table, Path], None] = lambda table, folder: None,
 ) -> int:
-    """Parse the options, run the study of the variants of the default configuration; returns the exit status."""
+    """Parse the options, run the study of the variants of the default configuration; returns the exit status.
+
+    After every seed, `also` gets the table and the folder that it was saved to.
+    """
     given = sys.argv[1:] if arguments is None else arguments
     command = tyro.cli(StudyCommand, args=given, default=default, description=description)
     try:
         config = TrainConfig(epochs=command.epochs)
         config = dataclasses.replace(config, source=dataclasses.replace(config.source, frames=command.frames))
         data = prepare_data(config)
-        table = run_study(variants_of(config), command.seeds, data, command.out, command.unseen_scenes, title)
+        table = run_study(variants_of(config), command.seeds, data, command.out, command.unseen_scenes, title, also)
     except (InputError, CheckpointError, FloatingPointError, OSError) as error:
         exit_with(error)
     return 130 if table is None else 0
 
 
 def run_study(
-    variants: Many[Variant], seeds: int, data: TrainingData, folder: Path, unseen_scenes: int, title: str
+    variants: Many[Variant],
+    seeds: int,
+    data: TrainingData,
+    folder: Path,
+    unseen_scenes: int,
+    title: str,
+    also: Callable[[Table, Path], None],
 ) -> Table | None:
     """Train every variant with every seed and evaluate all on the same sequences.
 
@@ -112,6 +121,7 @@ def run_study(
         table.save(folder, title)
         say(f"After {seed + 1} of {seeds} seeds:")
         say(table.text())
+        also(table, folder)
     say(legend())
     say(f"The table is in {folder / title}.md and .csv (one line a seed).")
     return table
@@ -124,7 +134,7 @@ def _train(label: str, config: TrainConfig, data: TrainingData, folder: Path, st
             config,
             data,
             folder,
-            start_from=None if start is None else nnx.state(start, nnx.Param),
+            start_from=start,
             on_progress=lambda p: show(p.step, f"loss {p.losses['total']:.3f}  {p.frames_per_second:.0f} frames/s"),
             say=say,
         )

@@ -93,7 +93,7 @@ def run_training(command: Command, data: TrainingData) -> TrainResult:
             raise InputError(
                 f"The networks of {command.start_from} have other sizes; use the options it was made with."
             )
-        start = state.params
+        start = planner_from(other, state.params)
     with progress_bar("training", config.total_steps(frames)) as show:
 
         def report(progress: Progress) -> None:

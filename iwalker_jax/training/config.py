@@ -11,10 +11,12 @@ from iwalker_jax.optimization.solution import GradientMode
 from iwalker_jax.planning.ipath import IPathConfig
 from iwalker_jax.planning.planner import PlannerConfig
 from iwalker_jax.training.losses import LossWeights, PlannerModels
+from iwalker_jax.training.ppo import PpoSettings
 
-Method = Literal["iwalker", "iplanner", "finetuned"]
-"""iwalker: both bilevel losses. iplanner: heuristic path losses, iStepper trained on top. finetuned: iplanner's
-weights trained further with U_path's tracking term alone, iStepper on top."""
+Method = Literal["iwalker", "iplanner", "finetuned", "ppo"]
+"""iwalker: both bilevel losses. iplanner: heuristic path losses. finetuned: heuristic path losses and U_path's
+tracking term, to train iplanner's networks further. ppo: minus U_path is a reward. In all but iwalker iStepper learns
+from U_step on top, without its gradient into iPath."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,7 @@ class TrainConfig:
         models: lower-level models and costs.
         weights: of the losses.
         gradient: how both MPCs are differentiated.
+        ppo: settings of the method of that name.
         batch_size: frames a step; the paper uses 1.
         epochs: passes through the frames.
         learning_rate: peak of Adam's schedule (linear warm-up, cosine decay).
@@ -60,6 +63,7 @@ class TrainConfig:
     models: PlannerModels = PlannerModels()
     weights: LossWeights = LossWeights()
     gradient: GradientMode = "implicit"
+    ppo: PpoSettings = PpoSettings()
     batch_size: int = 16
     epochs: int = 160
     learning_rate: float = 1.5e-3
@@ -81,8 +85,13 @@ class TrainConfig:
             raise InputError("planner.steps and models.steps differ; the networks and the losses must agree on them.")
 
     def total_steps(self, frames: int) -> int:
-        """Number of optimiser steps for a data set of this many frames."""
+        """Number of batches for a data set of this many frames."""
         return self.epochs * max(1, frames // self.batch_size)
+
+    @property
+    def updates_per_step(self) -> int:
+        """Optimiser updates that each batch is worth."""
+        return self.ppo.epochs if self.method == "ppo" else 1
 
 
 def paper_preset() -> TrainConfig:

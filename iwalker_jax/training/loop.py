@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,12 +11,20 @@ import numpy as np
 from jax.sharding import Mesh
 
 from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.planning.planner import Planner
 from iwalker_jax.training.batches import frame_order
 from iwalker_jax.training.checkpoints import CheckpointStore
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.maps import TrainingData
 from iwalker_jax.training.run_log import MetricsLog, save_broken_batch
-from iwalker_jax.training.train_step import StepReport, TrainState, initial_state, make_optimiser, make_train_step
+from iwalker_jax.training.train_step import (
+    StepReport,
+    TrainState,
+    initial_state,
+    make_optimiser,
+    make_train_step,
+    with_planner,
+)
 
 MAX_BROKEN_STEPS = 10
 """Consecutive steps without a finite gradient after which a run gives up."""
@@ -61,7 +68,7 @@ def train(
     folder: Path,
     *,
     resume: bool = True,
-    start_from: Any = None,
+    start_from: Planner | None = None,
     mesh: Mesh | None = None,
     tensorboard: bool = False,
     stop_after: int | None = None,
@@ -75,7 +82,7 @@ def train(
         data: frames and maps.
         folder: of the run.
         resume: continue from the newest readable checkpoint in the folder, if there is one; otherwise remove them.
-        start_from: parameters to start from instead of a fresh initialisation (fine-tuning).
+        start_from: planner to start from instead of a fresh initialisation (fine-tuning).
         mesh: devices for data parallelism, see `batch_mesh`.
         tensorboard: also write TensorBoard events.
         stop_after: stop after this many steps of the schedule, as if interrupted.
@@ -96,7 +103,8 @@ def train(
     if state is None:
         state = initial_state(config, optimiser)
         if start_from is not None:
-            state = state._replace(params=start_from, opt_state=optimiser.init(start_from))
+            params = with_planner(config, state.params, start_from)
+            state = state._replace(params=params, opt_state=optimiser.init(params))
     elif int(state.step) < total:
         say(f"Resuming at step {int(state.step)} of {total}.")
     # The step donates its state: never hand it the caller's own arrays.

@@ -121,6 +121,12 @@ def overlap(clearance: Float[Array, "*n"], models: PlannerModels) -> Float[Array
     return jnp.maximum(wanted - clearance, 0.0) ** 2 / wanted**2
 
 
+def fear_loss(fear: Float[Array, ""], clearance: Float[Array, " n"], models: PlannerModels) -> Float[Array, ""]:
+    """Binary cross-entropy of the fear logit of a path with the given clearance [m]: whether the body touches."""
+    touches = jax.lax.stop_gradient((jnp.min(clearance) < models.traversal.body_radius).astype(clearance.dtype))
+    return jnp.logaddexp(0.0, fear) - touches * fear
+
+
 def path_losses(
     path: Float[Array, "n 2"],
     fear: Float[Array, ""],
@@ -155,8 +161,6 @@ def path_losses(
     apart = jnp.sqrt(apart + _ROUTE_SOFTNESS**2) - _ROUTE_SOFTNESS
 
     worst = jnp.max(overlap(clearance, models))
-    touches = jax.lax.stop_gradient((jnp.min(clearance) < models.traversal.body_radius).astype(path.dtype))
-    fear_loss = jnp.logaddexp(0.0, fear) - touches * fear
     return PathLosses(
         tracking=tracking,
         route=jnp.mean(apart),
@@ -164,7 +168,7 @@ def path_losses(
         regret=spent + to_go - best,
         progress=to_go,
         clearance=worst,
-        fear=fear_loss,
+        fear=fear_loss(fear, clearance, models),
         converged=solution.gradient_valid,
     )
 

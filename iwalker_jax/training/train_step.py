@@ -1,4 +1,4 @@
-"""One training step: gather, plan, lower-level optima, losses, one backward pass, Adam; data-parallel over devices."""
+"""One training step: gather, losses of the method, backward pass, Adam; data-parallel over devices."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -11,19 +11,19 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.planning.planner import Plan, Planner
-from iwalker_jax.training.baselines import HeuristicLosses, heuristic_losses, heuristic_sum
+from iwalker_jax.planning.planner import Planner
 from iwalker_jax.training.batches import Batch, gather_batch
 from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.losses import PathLosses, path_losses, step_losses, weighted_sum
 from iwalker_jax.training.maps import TrainingData
+from iwalker_jax.training.objectives import batch_losses, explore, policy_losses
+from iwalker_jax.training.ppo import ActorCritic, Experience
 
 
 class TrainState(NamedTuple):
     """Everything that a checkpoint must hold for a resumed run to equal an uninterrupted one.
 
     Attributes:
-        params: the planner's parameters (an nnx state).
+        params: of what is trained (an nnx state): the planner, for PPO with its spread and critic.
         opt_state: optimiser state.
         key: raw random key of the run; every step folds its number into it.
         step: () steps taken.
@@ -58,11 +58,12 @@ def make_planner(config: TrainConfig) -> Planner:
 
 def make_optimiser(config: TrainConfig, total_steps: int) -> optax.GradientTransformationExtraArgs:
     """Adam with gradient clipping, linear warm-up and cosine decay; `update` takes a known global `norm`."""
+    updates = total_steps * config.updates_per_step
     schedule = optax.warmup_cosine_decay_schedule(
         0.1 * config.learning_rate,
         config.learning_rate,
-        min(100, max(1, total_steps // 10)),
-        max(2, total_steps),  # the schedule needs a step after its warm-up, even in a run of one
+        min(100, max(1, updates // 10)),
+        max(2, updates),  # the schedule needs a step after its warm-up, even in a run of one
         config.final_learning_rate * config.learning_rate,
     )
 
@@ -78,14 +79,24 @@ def make_optimiser(config: TrainConfig, total_steps: int) -> optax.GradientTrans
 
 def initial_state(config: TrainConfig, optimiser: optax.GradientTransformation) -> TrainState:
     """Train state of step 0."""
-    params = nnx.state(make_planner(config), nnx.Param)
+    params = nnx.state(_make_learner(config), nnx.Param)
     key = jax.random.key_data(jax.random.key(config.seed))
     return TrainState(params, optimiser.init(params), key, jnp.zeros((), jnp.int32))
 
 
+def with_planner(config: TrainConfig, params: Any, planner: Planner) -> Any:
+    """Parameters of what is trained, with the given planner's in place of its own."""
+    learner = nnx.merge(_learner_graph(config), params)
+    if not isinstance(learner, ActorCritic):
+        return nnx.state(planner, nnx.Param)
+    learner.planner = planner
+    return nnx.state(learner, nnx.Param)
+
+
 def planner_from(config: TrainConfig, params: Any) -> Planner:
     """The planner with the given parameters."""
-    return nnx.merge(planner_graph(config), params)
+    learner = nnx.merge(_learner_graph(config), params)
+    return learner.planner if isinstance(learner, ActorCritic) else learner
 
 
 def planner_graph(config: TrainConfig) -> nnx.GraphDef:
@@ -93,36 +104,14 @@ def planner_graph(config: TrainConfig) -> nnx.GraphDef:
     return nnx.split(nnx.eval_shape(lambda: make_planner(config)), nnx.Param)[0]
 
 
-def batch_losses(planner: Planner, batch: Batch, config: TrainConfig) -> tuple[Array, tuple[dict, Array, Plan]]:
-    """Total loss of a batch, its terms, the rows that count, and the plan.
+def _make_learner(config: TrainConfig) -> Planner | ActorCritic:
+    if config.method == "ppo":
+        return ActorCritic(config.planner, config.ppo, nnx.Rngs(config.seed))
+    return make_planner(config)
 
-    U_path is a function of the path alone, so it reaches iPath only; U_step is a function of the footsteps, which
-    follow from the path, so it reaches both unless `step_to_path` is off.
-    """
-    weights, models = config.weights, config.models
-    path_terms: PathLosses | HeuristicLosses
-    path, waypoints, fear = planner.plan_path(batch.depth, batch.goal, batch.mount)
-    if config.method == "iplanner":
-        path_terms = jax.vmap(heuristic_losses)(path, fear, batch.goal, batch.maps)
-        path_loss = jax.vmap(heuristic_sum)(path_terms)
-    else:
-        path_terms = jax.vmap(lambda p, f, m: path_losses(p, f, m, models, config.gradient))(path, fear, batch.maps)
-        path_loss = jax.vmap(lambda terms: weighted_sum(terms, weights))(path_terms)
-    joint = weights.step_to_path and config.method == "iwalker"
-    followed = path if joint else jax.lax.stop_gradient(path)
-    footsteps = planner.istepper(followed, batch.state)
-    step_terms = jax.vmap(lambda s, p, x, m: step_losses(s, p, x, m, models, config.gradient))(
-        footsteps, followed, batch.state, batch.maps
-    )
-    step_loss = jax.vmap(lambda terms: weighted_sum(terms, weights))(step_terms)
 
-    # An implicit gradient is only right at the optimum: rows that did not converge are counted and left out.
-    counts = path_terms.converged & step_terms.converged
-    loss = jnp.mean(jnp.where(counts, path_loss + step_loss, 0.0))
-    terms = {name: jnp.mean(value) for name, value in (path_terms._asdict() | step_terms._asdict()).items()}
-    terms.pop("converged")
-    terms |= {"U_path": jnp.mean(path_loss), "U_step": jnp.mean(step_loss), "total": loss}
-    return loss, (terms, counts, Plan(path, waypoints, fear, footsteps))
+def _learner_graph(config: TrainConfig) -> nnx.GraphDef:
+    return nnx.split(nnx.eval_shape(lambda: _make_learner(config)), nnx.Param)[0]
 
 
 def make_train_step(
@@ -143,33 +132,85 @@ def make_train_step(
         raise InputError(
             f"A batch of {config.batch_size} cannot be split over {mesh.size} devices; make it a multiple."
         )
-    graph = planner_graph(config)
+    make = _ppo_step if config.method == "ppo" else _gradient_step
+    return make(config, optimiser, mesh)
+
+
+def _gradient_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None):
+    graph = _learner_graph(config)
 
     def step(state: TrainState, data: TrainingData, index: Array) -> tuple[TrainState, StepReport]:
-        key = jax.random.fold_in(jax.random.wrap_key_data(state.key), state.step)
-        batch = gather_batch(data, index, key, config.mirror, config.models.steps, config.models.hlip)
-        if mesh is not None:
-            batch = jax.lax.with_sharding_constraint(batch, NamedSharding(mesh, PartitionSpec("batch")))
-
-        def loss(params: Any) -> tuple[Array, tuple[dict, Array, Plan]]:
-            return batch_losses(nnx.merge(graph, params), batch, config)
-
-        (total, (terms, counts, _)), gradient = jax.value_and_grad(loss, has_aux=True)(state.params)
-        norm = optax.global_norm(gradient)
-        finite = jnp.isfinite(total) & jnp.isfinite(norm)
-
-        def update(params: Any, opt_state: Any) -> tuple[Any, Any]:
-            updates, opt_state = optimiser.update(gradient, opt_state, params, norm=norm)
-            return optax.apply_updates(params, updates), opt_state
-
-        # A bad batch must not poison the parameters: leave them and the optimiser as they were. A branch updates in
-        # place; selecting between the old and the new values would pass over all of them a second time.
-        params, opt_state = jax.lax.cond(finite, update, lambda *unchanged: unchanged, state.params, state.opt_state)
-        report = StepReport(terms, norm, jnp.mean(counts.astype(jnp.float32)), finite)
+        batch = _batch(state, data, index, config, mesh)
+        params, opt_state, report = _descend(
+            state, lambda params: batch_losses(nnx.merge(graph, params), batch, config), optimiser
+        )
         return TrainState(params, opt_state, state.key, state.step + 1), report
 
+    return jax.jit(step, donate_argnums=0, **_placement(mesh))
+
+
+def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None):
+    """Two programs, one that tries paths and one for each of the epochs: a loop within one is slower on CPUs."""
+    graph = _learner_graph(config)
+
+    def attempt(state: TrainState, data: TrainingData, index: Array):
+        batch = _batch(state, data, index, config, mesh)
+        # A number beyond those of the rows, which have taken theirs from the same key.
+        key = jax.random.fold_in(_step_key(state), config.batch_size)
+        return batch, *explore(nnx.merge(graph, state.params), batch, key, config)
+
+    def improve(state: TrainState, batch: Batch, tried: Experience) -> tuple[TrainState, StepReport]:
+        params, opt_state, report = _descend(
+            state, lambda params: policy_losses(nnx.merge(graph, params), batch, tried, config), optimiser
+        )
+        return TrainState(params, opt_state, state.key, state.step), report
+
+    attempt_jit = jax.jit(attempt, **_placement(mesh, outputs=False))
+    improve_jit = jax.jit(improve, donate_argnums=0)
+
+    def step(state: TrainState, data: TrainingData, index: Array) -> tuple[TrainState, StepReport]:
+        batch, tried, said = attempt_jit(state, data, index)
+        finite = jnp.asarray(True)
+        for _ in range(config.ppo.epochs):
+            state, report = improve_jit(state, batch, tried)
+            finite &= report.finite
+        return state._replace(step=state.step + 1), report._replace(losses=said | report.losses, finite=finite)
+
+    return step
+
+
+def _step_key(state: TrainState) -> Array:
+    return jax.random.fold_in(jax.random.wrap_key_data(state.key), state.step)
+
+
+def _batch(state: TrainState, data: TrainingData, index: Array, config: TrainConfig, mesh: Mesh | None) -> Batch:
+    batch = gather_batch(data, index, _step_key(state), config.mirror, config.models.steps, config.models.hlip)
     if mesh is None:
-        return jax.jit(step, donate_argnums=0)
-    everywhere = NamedSharding(mesh, PartitionSpec())
-    split = NamedSharding(mesh, PartitionSpec("batch"))
-    return jax.jit(step, donate_argnums=0, in_shardings=(everywhere, everywhere, split), out_shardings=everywhere)
+        return batch
+    return jax.lax.with_sharding_constraint(batch, NamedSharding(mesh, PartitionSpec("batch")))
+
+
+def _placement(mesh: Mesh | None, outputs: bool = True) -> dict[str, Any]:
+    """Keywords of `jax.jit` that replicate state and data and split the frame indices over the mesh."""
+    if mesh is None:
+        return {}
+    everywhere, split = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec("batch"))
+    return {"in_shardings": (everywhere, everywhere, split)} | ({"out_shardings": everywhere} if outputs else {})
+
+
+def _descend(
+    state: TrainState, losses: Callable, optimiser: optax.GradientTransformationExtraArgs
+) -> tuple[Any, Any, StepReport]:
+    """Parameters and optimiser state after one update, and the report."""
+    (total, (terms, counts, _)), gradient = jax.value_and_grad(losses, has_aux=True)(state.params)
+    norm = optax.global_norm(gradient)
+    finite = jnp.isfinite(total) & jnp.isfinite(norm)
+
+    def update(params: Any, opt_state: Any) -> tuple[Any, Any]:
+        updates, opt_state = optimiser.update(gradient, opt_state, params, norm=norm)
+        return optax.apply_updates(params, updates), opt_state
+
+    # A bad batch must not poison the parameters: leave them and the optimiser as they were. A branch updates in
+    # place; selecting between the old and the new values would pass over all of them a second time.
+    params, opt_state = jax.lax.cond(finite, update, lambda *unchanged: unchanged, state.params, state.opt_state)
+    return params, opt_state, StepReport(terms, norm, jnp.mean(counts.astype(jnp.float32)), finite)

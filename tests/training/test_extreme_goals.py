@@ -10,7 +10,8 @@ from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.training.batches import gather_batch
 from iwalker_jax.training.frames import FrameSet, depth_to_millimetres
 from iwalker_jax.training.maps import prepare
-from iwalker_jax.training.train_step import batch_losses, make_planner
+from iwalker_jax.training.objectives import batch_losses
+from iwalker_jax.training.train_step import make_planner
 from tests.perception.box_scene import render
 
 MOUNT = CameraMount()

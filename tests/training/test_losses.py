@@ -25,7 +25,8 @@ from iwalker_jax.training.losses import (
     weighted_sum,
 )
 from iwalker_jax.training.maps import FrameMaps
-from iwalker_jax.training.train_step import batch_losses, make_planner
+from iwalker_jax.training.objectives import batch_losses
+from iwalker_jax.training.train_step import make_planner
 from tests.gradients import assert_gradients_agree
 
 MODELS = PlannerModels()

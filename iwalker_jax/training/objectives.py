@@ -1,0 +1,106 @@
+"""What each method minimises on a batch: plan, lower-level optima, and the weighted sum of the losses."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from iwalker_jax.perception.grid import DEFAULT_GRID
+from iwalker_jax.perception.map_sampling import sample_smooth
+from iwalker_jax.planning.ipath import reduced_goal
+from iwalker_jax.planning.planner import Plan, Planner, waypoints_to_path
+from iwalker_jax.training.baselines import heuristic_losses, heuristic_sum
+from iwalker_jax.training.batches import Batch
+from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training.losses import StepLosses, fear_loss, path_losses, step_losses, weighted_sum
+from iwalker_jax.training.ppo import ActorCritic, Experience, log_density, normalised, ppo_losses, ppo_sum
+
+
+def batch_losses(planner: Planner, batch: Batch, config: TrainConfig) -> tuple[Array, tuple[dict, Array, Plan]]:
+    """Total loss of a batch, its terms, the rows that count, and the plan; for every method but PPO.
+
+    U_path is a function of the path alone, so it reaches iPath only; U_step is a function of the footsteps, which
+    follow from the path, so it reaches both unless `step_to_path` is off.
+    """
+    path, waypoints, fear = planner.plan_path(batch.depth, batch.goal, batch.mount)
+    path_loss, path_terms = _path_loss(path, fear, batch, config)
+    joint = config.weights.step_to_path and config.method == "iwalker"
+    followed = path if joint else jax.lax.stop_gradient(path)
+    footsteps, step_loss, step_terms = _step_loss(planner, followed, batch, config)
+
+    # An implicit gradient is only right at the optimum: rows that did not converge are counted and left out.
+    counts = path_terms["converged"] & step_terms.converged
+    loss = jnp.mean(jnp.where(counts, path_loss + step_loss, 0.0))
+    sums = {"U_path": path_loss, "U_step": step_loss, "total": loss}
+    return loss, (_means(path_terms | step_terms._asdict() | sums), counts, Plan(path, waypoints, fear, footsteps))
+
+
+def explore(learner: ActorCritic, batch: Batch, key: Array, config: TrainConfig) -> tuple[Experience, dict[str, Array]]:
+    """Waypoints drawn from PPO's policy, and what their paths earn: minus U_path, but for fear, which is no choice.
+
+    Also the terms of U_path of the policy's mean, which is the planner's own path.
+    """
+    planner, settings = learner.planner, config.ppo
+    _, mean, fear = planner.plan_path(batch.depth, batch.goal, batch.mount)
+    log_deviation = learner.log_deviation[...]
+    actions = mean + jnp.exp(log_deviation) * jax.random.normal(key, (settings.samples, *mean.shape))
+    near_goal = reduced_goal(batch.goal, planner.config.ipath.goal_reach)
+
+    def u_path(waypoints: Array) -> tuple[Array, dict[str, Array]]:
+        paths = waypoints_to_path(planner.ipath.constrained(waypoints, near_goal))
+        return _path_loss(paths, fear, batch, config)
+
+    # A reward needs no derivative of the optimum.
+    loss, terms = jax.lax.stop_gradient(jax.vmap(u_path)(jnp.concatenate([mean[None], actions])))
+    returns = config.weights.fear * terms["fear"][1:] - loss[1:]
+    returns = jnp.where(jnp.isfinite(returns), jnp.maximum(returns, settings.worst_return), settings.worst_return)
+    advantages = normalised(returns - learner.value(batch.depth, batch.goal))
+    tried = Experience(actions, log_density(actions, mean, log_deviation), returns, advantages)
+    said = {name: value[0] for name, value in terms.items()} | {"U_path": loss[0], "return": returns}
+    return tried, _means(said)
+
+
+def policy_losses(
+    learner: ActorCritic, batch: Batch, tried: Experience, config: TrainConfig
+) -> tuple[Array, tuple[dict, Array, Plan]]:
+    """What `batch_losses` says, for PPO: U_path reaches iPath as a reward alone; fear and footsteps learn as ever."""
+    planner, settings = learner.planner, config.ppo
+    path, waypoints, fear = planner.plan_path(batch.depth, batch.goal, batch.mount)
+    followed = jax.lax.stop_gradient(path)
+    value = learner.value(batch.depth, batch.goal)
+    policy = ppo_losses(waypoints, learner.log_deviation[...], value, tried, settings)
+    clearance = jax.vmap(lambda esdf, points: sample_smooth(esdf, DEFAULT_GRID, points))(batch.maps.esdf, followed)
+    fears = jax.vmap(lambda logit, row: fear_loss(logit, row, config.models))(fear, clearance)
+    footsteps, step_loss, step_terms = _step_loss(planner, followed, batch, config)
+    counts = step_terms.converged
+    taught = jnp.mean(jnp.where(counts, config.weights.fear * fears + step_loss, 0.0))
+    loss = ppo_sum(policy, settings) + taught
+    sums = {"U_step": step_loss, "total": loss}
+    terms = _means(policy._asdict() | step_terms._asdict() | sums)
+    return loss, (terms, counts, Plan(path, waypoints, fear, footsteps))
+
+
+def _path_loss(path: Array, fear: Array, batch: Batch, config: TrainConfig) -> tuple[Array, dict[str, Array]]:
+    """Each row's path loss and its terms, by the method."""
+    heuristic = jax.vmap(heuristic_losses)(path, fear, batch.goal, batch.maps)
+    if config.method == "iplanner":
+        return jax.vmap(heuristic_sum)(heuristic), heuristic._asdict()
+    bilevel = jax.vmap(lambda p, f, m: path_losses(p, f, m, config.models, config.gradient))(path, fear, batch.maps)
+    if config.method == "finetuned":
+        loss = jax.vmap(heuristic_sum)(heuristic) + config.weights.tracking * bilevel.tracking
+        return loss, heuristic._asdict() | {"tracking": bilevel.tracking, "converged": bilevel.converged}
+    return jax.vmap(lambda terms: weighted_sum(terms, config.weights))(bilevel), bilevel._asdict()
+
+
+def _step_loss(planner: Planner, path: Array, batch: Batch, config: TrainConfig) -> tuple[Array, Array, StepLosses]:
+    """Footsteps along a path, each row's U_step and its terms."""
+    footsteps = planner.istepper(path, batch.state)
+    terms = jax.vmap(lambda s, p, x, m: step_losses(s, p, x, m, config.models, config.gradient))(
+        footsteps, path, batch.state, batch.maps
+    )
+    return footsteps, jax.vmap(lambda row: weighted_sum(row, config.weights))(terms), terms
+
+
+def _means(terms: dict[str, Any]) -> dict[str, Array]:
+    return {name: jnp.mean(value) for name, value in terms.items() if name != "converged"}
