@@ -122,23 +122,30 @@ def verdict(results: Table, table: PaperTable, ours: str = "iwalker") -> str:
     return f"{ours} is better " + ", ".join(parts) + "." if parts else ""
 
 
-def paper_text(results: Table) -> str:
-    """All three tables as plain text."""
-    return "\n\n".join(
+def paper_text(results: Table, note: str = "") -> str:
+    """All three tables as plain text, and a note below."""
+    parts = [
         f"{_heading(table)}\n{aligned_text(paper_cells(results, table, mark='*'))}\n{verdict(results, table)}"
         for table in PAPER_TABLES
-    )
+    ]
+    return "\n\n".join([*parts, note] if note else parts)
 
 
-def save_paper_tables(results: Table, folder: Path) -> None:
-    """Write paper_tables.txt, .md and .csv (one line a table, method and scene; full precision)."""
+def save_paper_tables(results: Table, folder: Path, note: str = "") -> None:
+    """Write paper_tables.txt, .md and .csv (one line a table, method and scene; full precision).
+
+    Args:
+        results: rows labelled (method, scene) with at least one seed each.
+        folder: created if need be.
+        note: what a reader must know of the methods; below the tables in the first two files.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "paper_tables.txt").write_text(paper_text(results) + "\n")
+    (folder / "paper_tables.txt").write_text(paper_text(results, note) + "\n")
     parts = [
         f"### {_heading(table)}\n\n{markdown_table(paper_cells(results, table))}\n\n{verdict(results, table)}\n"
         for table in PAPER_TABLES
     ]
-    (folder / "paper_tables.md").write_text("\n".join(parts))
+    (folder / "paper_tables.md").write_text("\n".join([*parts, note + "\n"] if note else parts))
     with (folder / "paper_tables.csv").open("w", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(["table", "metric", "method", "scene", "mean", "deviation", "seeds"])

@@ -82,13 +82,15 @@ def test_text_names_every_table(table):
 
 def test_saved_files_read_back(tmp_path):
     """Oracle: Python's csv reader."""
-    save_paper_tables(results(), tmp_path / "new")
+    save_paper_tables(results(), tmp_path / "new", "A note.")
     with (tmp_path / "new" / "paper_tables.csv").open() as stream:
         lines = list(csv.DictReader(stream))
     assert len(lines) == 3 * 3 * 4
     first = next(line for line in lines if line["method"] == "finetuned")
     assert float(first["mean"]) == pytest.approx(np.mean(SEEDS["finetuned"]))
     assert float(first["deviation"]) == pytest.approx(np.std(SEEDS["finetuned"]))
+    for name in ("paper_tables.md", "paper_tables.txt"):
+        assert (tmp_path / "new" / name).read_text().endswith("\nA note.\n")
     assert (tmp_path / "new" / "paper_tables.md").read_text().count("\n| --- |") == 3
     assert "Table III" in (tmp_path / "new" / "paper_tables.txt").read_text()
     assert set(scene_values(results(), "stability")) == set(SEEDS)
