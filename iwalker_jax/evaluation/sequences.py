@@ -30,7 +30,8 @@ from iwalker_jax.simulation.scene import Scene
 from iwalker_jax.simulation.test_scenes import TEST_NAMES, test_sequence
 from iwalker_jax.training.frames import FrameSet
 from iwalker_jax.training.losses import PlannerModels
-from iwalker_jax.training.synthetic import WalkSampling, concatenate_walks, record_walk
+from iwalker_jax.training.synthetic import concatenate_walks
+from iwalker_jax.training.walk_recording import WalkSampling, record_walk
 
 _BATCH = 16
 

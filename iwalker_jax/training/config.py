@@ -27,11 +27,13 @@ class DataConfig:
         folder: a recording of your own; None generates synthetic scenes.
         frames: number of synthetic frames; the paper has 1185.
         seed: of layouts, walks and noise.
+        walks: file of frames from the robot's own walks (`experiments.collect`), added to the others.
     """
 
     folder: Path | None = None
     frames: int = 1185
     seed: int = 0
+    walks: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,16 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
+
 from iwalker_jax import __version__
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime import default_cache_folder
 from iwalker_jax.training.config import DataConfig
 from iwalker_jax.training.frames import FrameSet, load_frames, save_frames
 from iwalker_jax.training.recording_frames import frames_from_recording
-from iwalker_jax.training.synthetic import WalkSampling, generate_training_frames
+from iwalker_jax.training.synthetic import generate_training_frames
+from iwalker_jax.training.walk_recording import WalkSampling
 
 GENERATOR = 1
 """Raised whenever the same seed would give other frames, so that cached ones are made anew."""
@@ -33,6 +36,33 @@ def load_training_frames(
     Raises:
         InputError: if a recording is unusable.
     """
+    frames = _own_frames(source, on_progress, say)
+    return frames if source.walks is None else joined(frames, load_frames(source.walks))
+
+
+def joined(first: FrameSet, second: FrameSet) -> FrameSet:
+    """Both frame sets as one.
+
+    Raises:
+        InputError: if their images or their numbers of goals differ.
+    """
+    sizes = [(frames.depth.shape[1:], frames.goals.shape[1]) for frames in (first, second)]
+    if sizes[0] != sizes[1]:
+        raise InputError(
+            f"Frames of {sizes[0][0]} px with {sizes[0][1]} goals and frames of {sizes[1][0]} px with {sizes[1][1]} "
+            "goals cannot be trained on together; collect the walks again with the same camera and number of goals."
+        )
+    return FrameSet(
+        depth=np.concatenate([first.depth, second.depth]),
+        mounts=np.concatenate([first.mounts, second.mounts]),
+        goals=np.concatenate([first.goals, second.goals]),
+        poses=np.concatenate([first.poses, second.poses]),
+        scene_index=np.concatenate([first.scene_index, second.scene_index + len(first.scene_names)]),
+        scene_names=first.scene_names + second.scene_names,
+    )
+
+
+def _own_frames(source: DataConfig, on_progress: Callable[[int, int], None], say: Callable[[str], None]) -> FrameSet:
     if source.folder is not None:
         return frames_from_recording(source.folder, seed=source.seed, say=say)
     file = cache_file(source)

@@ -14,7 +14,8 @@ from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.simulation.families import generate_scene
 from iwalker_jax.simulation.routes import RouteRules
 from iwalker_jax.simulation.scene import Scene
-from iwalker_jax.training.synthetic import WalkSampling, generate_training_frames, hash_seed, record_walk
+from iwalker_jax.training.synthetic import generate_training_frames, hash_seed
+from iwalker_jax.training.walk_recording import WalkSampling, record_walk
 
 TINY = Intrinsics(8, 6, 4.0, 4.0, 3.5, 2.5)
 """Images too small to look at: these tests are about poses and goals."""
