@@ -28,8 +28,8 @@ class BandRules:
         iterations: of the band.
     """
 
-    wanted: float = 0.30
-    least: float = 0.19
+    wanted: float = 0.38
+    least: float = 0.22
     push: float = 0.3
     pull: float = 0.25
     iterations: int = 30
