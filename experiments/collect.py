@@ -15,17 +15,14 @@ from pathlib import Path
 import tyro
 
 from experiments.console import exit_with, progress_bar, say
+from experiments.planner import planner_of
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.generated_tasks import training_task
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.navigation.task import Outcome
-from iwalker_jax.planning.planner import Planner
-from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.datasets import joined
 from iwalker_jax.training.frames import save_frames
-from iwalker_jax.training.pretrained import load_planner
-from iwalker_jax.training.train_step import planner_from
 from iwalker_jax.training.walk_frames import frames_from_episodes
 
 
@@ -75,7 +72,7 @@ def collect(command: Command) -> None:
             f"Give at least one task, a positive time and stride, and a policy of {', '.join(POLICIES)}; got "
             f"{command.tasks}, {command.seconds} s, {command.stride} and {command.policy!r}."
         )
-    navigator = make_navigator(command.policy, planner_of(command.run))
+    navigator = make_navigator(command.policy, planner_of(command.run)[0])
     program = EpisodeProgram(navigator, min(command.width, command.tasks), command.devices, images=True)
     parts, outcomes = [], []
     with progress_bar("walks", command.tasks) as show:
