@@ -20,6 +20,7 @@ import jax
 import tyro
 
 from experiments.console import Advance, console, exit_with, progress_bar, say
+from experiments.planner import planner_of
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.navigation_film import FilmSettings
 from iwalker_jax.evaluation.navigation_report import Report, write_report
@@ -33,11 +34,8 @@ from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.simulation.test_scenes import TEST_NAMES
-from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.pretrained import load_planner
 from iwalker_jax.training.recording_frames import frames_from_recording
-from iwalker_jax.training.train_step import planner_from
 
 
 @dataclass(frozen=True)
@@ -88,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
     try:
-        planner, config, name = planner_of(command)
+        planner, config, name = planner_of(command.run, command.checkpoint)
         # Wrong names are said before an hour of work.
         settings = study_settings(command, name)
         out = command.out or (command.run or Path("runs/pretrained")) / "evaluation"
@@ -102,17 +100,6 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
     say(f"Pictures and tables are in {out}; the report is {page}.")
     return 0
-
-
-def planner_of(command: Command) -> tuple[Planner, TrainConfig, str]:
-    """The planner to evaluate, its configuration and its name."""
-    if command.run is None:
-        if command.checkpoint is not None:
-            raise InputError("A checkpoint belongs to a run; give the run's folder with --run.")
-        return *load_planner(), "pretrained"
-    state, config = load_run(command.run, command.checkpoint, say)
-    say(f"Checkpoint of step {int(state.step)} ({config.method}).")
-    return planner_from(config, state.params), config, f"{command.run}, step {int(state.step)}"
 
 
 def study_settings(command: Command, name: str) -> StudySettings | None:

@@ -116,7 +116,10 @@ class EpisodeRecord(NamedTuple):
         torque_share: largest motor torque since the last frame over its limit.
         qp_failures: ticks since the last frame whose whole-body QP did not converge.
         depth: (height, width) float16 [m] as the planner sees it, and
-        occupied: (rows, columns) the planner's map in its base frame; both only where images are kept, else empty.
+        occupied: (n, n) its remembered map, a window with the world's axes around the believed base; both only where
+            images are kept, else empty.
+
+    What the planner saw and planned (`believed`, `path`, `depth`) belongs to the frame's beginning, all else to its end.
     """
 
     time: Float[Array, "*n"]
