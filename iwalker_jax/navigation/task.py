@@ -119,7 +119,7 @@ class EpisodeRecord(NamedTuple):
         occupied: (n, n) its remembered map, a window with the world's axes around the believed base; both only where
             images are kept, else empty.
 
-    What the planner saw and planned (`believed`, `path`, `depth`) belongs to the frame's beginning, all else to its end.
+    What the planner saw and planned (`believed`, `path`, `depth`) belong to the frame's start, the rest to its end.
     """
 
     time: Float[Array, "*n"]
