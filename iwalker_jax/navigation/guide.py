@@ -94,7 +94,7 @@ def guide(
     """
     network = nnx.merge(*planner)
     if rules.source == "network" and not rules.band:
-        path = _asked(network, sight, sight.goal)
+        path = network_path(network, sight, sight.goal)
         return memory, Guidance(resample_by_arc_length(path, BAND_POINTS), sight.goal, jnp.asarray(False))
     frame = free_and_occupied(clean_depth(sight.depth), sight.mount, intrinsics, DEFAULT_GRID, DEFAULT_RULES)
     memory = remember(rules.memory, memory, sight.base, *frame)
@@ -103,14 +103,14 @@ def guide(
     esdf = signed_distance_field(occupied, rules.memory.resolution)
     look = sight.goal
     if rules.source != "network":
-        to_go = _cost_to_go(rules, esdf, unknown, sight.goal - origin)
-        seen, whole = _routes(rules, to_go, unknown, sight.base[:2] - origin, sight.goal - origin)
+        to_go = route_costs(rules, esdf, unknown, sight.goal - origin)
+        seen, whole = best_routes(rules, to_go, unknown, sight.base[:2] - origin, sight.goal - origin)
         seen, whole = seen + origin, whole + origin
         look = _on_route(whole, 0.5)
     if rules.source == "route":
         path = seen
     else:
-        path = _asked(network, sight, sight.goal if rules.source == "network" else _on_route(whole, rules.ahead))
+        path = network_path(network, sight, sight.goal if rules.source == "network" else _on_route(whole, rules.ahead))
     if not rules.band:
         return memory, Guidance(resample_by_arc_length(path, BAND_POINTS), look, jnp.asarray(False))
     band, detour = safe_path(rules.band_rules, path - origin, esdf, rules.memory.grid)
@@ -123,13 +123,13 @@ def guide(
     return memory, Guidance(resample_by_arc_length(band + origin, BAND_POINTS), look, detour)
 
 
-def _asked(network: Planner, sight: Sight, goal: Float[Array, "2"]) -> Float[Array, "n 2"]:
+def network_path(network: Planner, sight: Sight, goal: Float[Array, "2"]) -> Float[Array, "n 2"]:
     """iPath's path to a goal, world frame."""
     path, _, _ = network.plan_path(sight.depth[None], to_base(sight.base, goal)[None], sight.mount[None])
     return to_world(sight.base, path[0])
 
 
-def _cost_to_go(
+def route_costs(
     rules: GuideRules, esdf: Float[Array, "n n"], unknown: Bool[Array, "n n"], goal: Float[Array, "2"]
 ) -> Float[Array, "half half"]:
     """Cost of the cheapest route to the goal from every cell of the window, halved."""
@@ -141,7 +141,7 @@ def _unseen(unknown: Bool[Array, "n n"], esdf: Float[Array, "n n"]) -> Float[Arr
     return softened(pool_2x2(unknown.astype(esdf.dtype)))
 
 
-def _routes(
+def best_routes(
     rules: GuideRules,
     to_go: Float[Array, "half half"],
     unknown: Bool[Array, "n n"],

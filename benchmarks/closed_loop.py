@@ -1,0 +1,239 @@
+"""Where the closed loop's time goes, how fast whole episodes are, and what each part takes for one robot.
+
+Run with `python -m benchmarks.closed_loop [--episodes 64] [--seconds 30] [--devices 2] [--run runs/default]`. Episodes
+are walked from a compiled program; compilation is reported apart. Times are the best of several calls: the machine's, not
+its neighbours'.
+"""
+
+import argparse
+import dataclasses
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from iwalker_jax.runtime import configure_runtime, requested_devices
+
+configure_runtime(requested_devices(sys.argv))
+
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+from flax import nnx  # noqa: E402
+
+from experiments.planner import planner_of  # noqa: E402
+from iwalker_jax.control.controller import control_step  # noqa: E402
+from iwalker_jax.navigation.camera import camera_in_world  # noqa: E402
+from iwalker_jax.navigation.closed_loop import LoopState, Navigator, run_episode, start_episode  # noqa: E402
+from iwalker_jax.navigation.episodes import EpisodeProgram  # noqa: E402
+from iwalker_jax.navigation.faults import make_faults  # noqa: E402
+from iwalker_jax.navigation.generated_tasks import generated_tasks  # noqa: E402
+from iwalker_jax.navigation.guide import Sight, best_routes, network_path, route_costs  # noqa: E402
+from iwalker_jax.navigation.map_memory import remember, remembered, window_origin  # noqa: E402
+from iwalker_jax.navigation.navigators import make_navigator, place_at  # noqa: E402
+from iwalker_jax.navigation.path_band import safe_path  # noqa: E402
+from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
+from iwalker_jax.navigation.task import Task, TaskArrays, stack_tasks  # noqa: E402
+from iwalker_jax.perception.collision_map import DEFAULT_RULES  # noqa: E402
+from iwalker_jax.perception.depth_cleanup import clean_depth  # noqa: E402
+from iwalker_jax.perception.distance_field import signed_distance_field  # noqa: E402
+from iwalker_jax.perception.grid import DEFAULT_GRID  # noqa: E402
+from iwalker_jax.perception.local_map import free_and_occupied  # noqa: E402
+from iwalker_jax.planning.ipath import IPathConfig  # noqa: E402
+from iwalker_jax.planning.planner import Planner, PlannerConfig  # noqa: E402
+from iwalker_jax.robot.rigid_body import rigid_body_terms  # noqa: E402
+from iwalker_jax.simulation.body_volume import body_clearance_at  # noqa: E402
+from iwalker_jax.simulation.depth_noise import DepthNoise, add_depth_noise  # noqa: E402
+from iwalker_jax.simulation.ray_casting import render_depth  # noqa: E402
+from iwalker_jax.simulation.walk_setup import Disturbances, sample_conditions  # noqa: E402
+from iwalker_jax.simulation.walking import Conditions, decide, walk_tick  # noqa: E402
+
+REPEATS = 9
+TICKS = 33
+"""Control ticks that are timed in one call: those of a camera frame."""
+
+
+def best(call: Callable, *arguments: Any) -> float:
+    """Seconds of the fastest of several calls of a compiled function."""
+    jax.block_until_ready(call(*arguments))
+    times = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        jax.block_until_ready(call(*arguments))
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+class Setting:
+    """A batch of robots in mid-episode, with everything that the parts need."""
+
+    def __init__(self, navigator: Navigator, tasks: list[Task], warm: int = 30) -> None:
+        self.navigator, self.count = navigator, len(tasks)
+        self.tasks: TaskArrays = stack_tasks(tasks)
+        conditions = sample_conditions(navigator.walker.robot, Disturbances(), self.count, 0)
+        self.conditions: Conditions = place_at(conditions, self.tasks.start)
+        faults = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.count, *leaf.shape)), make_faults())
+        state = jax.jit(jax.vmap(start_episode, in_axes=(None, 0, 0)))(navigator, self.tasks, self.conditions)
+        begin = jax.jit(jax.vmap(lambda t, c, f, s: run_episode(navigator, t, c, f, s, 1)))
+        for _ in range(warm):
+            state, _ = begin(self.tasks, self.conditions, faults, state)
+        self.state: LoopState = state
+
+    def time(self, part: Callable, *arguments: Any) -> float:
+        """Milliseconds a robot of one call."""
+        return 1e3 * best(jax.jit(jax.vmap(part)), *arguments) / self.count
+
+
+def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
+    """(milliseconds a call, calls a second) of each part, by name."""
+    nav, state, tasks = setting.navigator, setting.state, setting.tasks
+    frames = 1 / nav.frame_time
+    rules, memory_rules = nav.guidance, nav.guidance.memory
+
+    def render(task: TaskArrays, s: LoopState) -> jax.Array:
+        return render_depth(task.scene, nav.intrinsics, *camera_in_world(nav.camera, s.walk.physics.qpos))
+
+    def see(task: TaskArrays, s: LoopState) -> jax.Array:
+        return add_depth_noise(s.key, render(task, s), nav.noise or DepthNoise(), nav.intrinsics)
+
+    depth = jax.jit(jax.vmap(see))(tasks, state)
+    mount = jnp.tile(nnx.merge(nav.graph, nav.planner).config.ipath.mount.as_array(), (setting.count, 1))
+    base = jnp.concatenate([state.walk.physics.qpos[:, :2], tasks.start[:, 2:]], axis=1)
+    sight = Sight(depth, mount, base, tasks.goals[:, 0])
+
+    def add_map(s: LoopState, at: Sight) -> tuple:
+        frame = free_and_occupied(clean_depth(at.depth), at.mount, nav.intrinsics, DEFAULT_GRID, DEFAULT_RULES)
+        memory = remember(memory_rules, s.memory, at.base, *frame)
+        occupied, unknown = remembered(memory_rules, memory)
+        return signed_distance_field(occupied, memory_rules.resolution), unknown, window_origin(memory_rules, memory)
+
+    maps = jax.jit(jax.vmap(add_map))(state, sight)
+
+    def route(esdf: jax.Array, unknown: jax.Array, origin: jax.Array, at: Sight) -> tuple:
+        to_go = route_costs(rules, esdf, unknown, at.goal - origin)
+        return best_routes(rules, to_go, unknown, at.base[:2] - origin, at.goal - origin)
+
+    def ipath(at: Sight) -> jax.Array:
+        return network_path(nnx.merge(nav.graph, nav.planner), at, at.goal)
+
+    def band(esdf: jax.Array, origin: jax.Array, s: LoopState) -> tuple:
+        return safe_path(rules.band_rules, s.guidance.path - origin, esdf, memory_rules.grid)
+
+    def footsteps(s: LoopState) -> Any:
+        terms = rigid_body_terms(nav.walker.robot, s.walk.physics.qpos, s.walk.physics.qvel)
+        zero = jnp.zeros(())
+        stance = Stance(terms.com[:2], terms.com_velocity[:2], terms.foot_positions[0, :2], zero, zero > 1, zero)
+        istepper = nnx.merge(nav.graph, nav.planner).istepper
+        return plan_steps(nav.pursuit, istepper, s.guidance.path, s.guidance.look, stance)
+
+    def think(c: Conditions, s: LoopState) -> Any:
+        def tick(mind: Any, _: None) -> tuple[Any, None]:
+            return decide(nav.walker, c, s.plan, mind, s.walk.physics.qpos, s.walk.physics.qvel)[0], None
+
+        return jax.lax.scan(tick, s.walk.mind, None, length=TICKS)[0]
+
+    def walk(c: Conditions, s: LoopState) -> Any:
+        return jax.lax.scan(lambda w, _: (walk_tick(nav.walker, c, s.plan, w)[0], None), s.walk, None, length=TICKS)[0]
+
+    def clearance(task: TaskArrays, s: LoopState) -> jax.Array:
+        return body_clearance_at(nav.walker.robot, nav.volume, task.scene, s.walk.physics.qpos)
+
+    rendering = setting.time(render, tasks, state)
+    thinking = setting.time(think, setting.conditions, state)
+    walking = setting.time(walk, setting.conditions, state)
+    return {
+        "depth rendering": (rendering, frames),
+        "depth noise": (max(setting.time(see, tasks, state) - rendering, 0.0), frames),
+        "map and distance field": (setting.time(add_map, state, sight), frames),
+        "route on the map": (setting.time(route, *maps, sight), frames),
+        "iPath": (setting.time(ipath, sight), frames),
+        "band off obstacles": (setting.time(band, maps[0], maps[2], state), frames),
+        "iStepper and course": (setting.time(footsteps, state), nav.loop.looks * frames),
+        "body clearance": (setting.time(clearance, tasks, state), nav.loop.looks * frames),
+        "sensors, estimator, control": (thinking / TICKS, 500.0),
+        "physics": (max(walking - thinking, 0.0) / TICKS, 500.0),
+    }
+
+
+def print_parts(parts: dict[str, tuple[float, float]], title: str) -> None:
+    """Milliseconds a robot-second of each part, and their sum."""
+    spent = {name: each * rate for name, (each, rate) in parts.items()}
+    total = sum(spent.values())
+    print(f"\n{title}")
+    print(f"{'part':<30} {'us a call':>10} {'calls a second':>15} {'ms a robot-second':>18} {'share':>7}")
+    for name, (each, rate) in parts.items():
+        print(f"{name:<30} {1e3 * each:>10.1f} {rate:>15.1f} {spent[name]:>18.1f} {spent[name] / total:>7.1%}")
+    print(f"{'all':<30} {'':>10} {'':>15} {total:>18.1f} {1e3 / total:>6.1f}x real time on one device")
+
+
+def print_latency(navigator: Navigator, planner: Planner) -> None:
+    """Rates of the networks and of one control tick for one robot, called one by one."""
+    config = planner.config
+    mount = config.ipath.mount.as_array()[None]
+
+    def ipath_rate(network: Planner) -> float:
+        sizes = network.config.ipath
+        depth = jnp.full((1, sizes.height, sizes.width), 2.0)
+        graph, params = nnx.split(network, nnx.Param)
+        call = jax.jit(lambda p, d: nnx.merge(graph, p).plan_path(d, jnp.ones((1, 2)), mount)[0])
+        return 1 / best(call, params, depth)
+
+    controller = navigator.walker.controller
+    setting = Setting(navigator, generated_tasks(1), warm=15)
+    walk = jax.tree.map(lambda leaf: leaf[0], setting.state.walk)
+    plan = jax.tree.map(lambda leaf: leaf[0], setting.state.plan)
+
+    def control(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
+        terms = rigid_body_terms(navigator.walker.robot, qpos, qvel)
+        arms = qpos[17:], qvel[16:]
+        return control_step(controller, terms, arms, walk.mind.touching, plan, walk.mind.controller)[0]
+
+    path = jnp.stack([jnp.linspace(0, 2, 100), jnp.zeros(100)], axis=1)
+    zero = jnp.zeros(())
+    stance = Stance(jnp.zeros(2), jnp.zeros(2), jnp.asarray([0.0, 0.05]), zero, zero < 1, zero)
+    graph, params = nnx.split(planner, nnx.Param)
+    step = jax.jit(lambda p, x: plan_steps(navigator.pursuit, nnx.merge(graph, p).istepper, x, x[-1], stance).positions)
+    published = IPathConfig(variant="paper", trunk_width=64, goal_is_end=True)
+    large = dataclasses.replace(published, height=360, width=640)
+    rates = {
+        "iPath (default)": ipath_rate(planner),
+        "iPath (paper, 90 x 160)": ipath_rate(Planner(PlannerConfig(ipath=published), nnx.Rngs(0))),
+        "iPath (paper, 360 x 640)": ipath_rate(Planner(PlannerConfig(ipath=large), nnx.Rngs(0))),
+        "iStepper and course": 1 / best(step, params, path),
+        "rigid-body terms and control": 1 / best(jax.jit(control), walk.physics.qpos, walk.physics.qvel),
+    }
+    print("\nOne robot, one call at a time")
+    for name, rate in rates.items():
+        print(f"{name:<30} {rate:>10.0f} Hz")
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description="Time the closed loop.")
+    parser.add_argument("--episodes", type=int, default=64)
+    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--devices", type=int, default=None)
+    parser.add_argument("--run", type=Path, default=None)
+    options = parser.parse_args()
+    planner = planner_of(options.run)[0]
+    navigator = make_navigator("default", planner)
+    print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, jax {jax.__version__}")
+    print_latency(navigator, planner)
+    print_parts(parts_of(Setting(navigator, generated_tasks(1))), "One robot")
+    print_parts(parts_of(Setting(navigator, generated_tasks(16))), "A batch of 16 on one device")
+    for count in (1, options.episodes):
+        tasks = [dataclasses.replace(task, time_limit=options.seconds) for task in generated_tasks(count)]
+        program = EpisodeProgram(navigator, count, 1 if count == 1 else options.devices)
+        record = program.run(tasks)
+        simulated = count * float(np.max(record.time))
+        print(
+            f"\n{count} episodes of up to {options.seconds:g} s: {program.run_seconds:.1f} s, "
+            f"{simulated / program.run_seconds:.1f} robot-seconds a second; {program.compile_seconds:.1f} s to compile"
+        )
+
+
+if __name__ == "__main__":
+    main()
