@@ -1,8 +1,8 @@
 """Where the closed loop's time goes, how fast whole episodes are, and what each part takes for one robot.
 
 Run with `python -m benchmarks.closed_loop [--episodes 64] [--seconds 30] [--devices 2] [--run runs/default]`. Episodes
-are walked from a compiled program; compilation is reported apart. Times are the best of several calls: the machine's, not
-its neighbours'.
+are walked from a compiled program; compilation is reported apart. Times are the best of several calls: the
+machine's, not its neighbours'.
 """
 
 import argparse
