@@ -1,4 +1,4 @@
-"""Let simulated robots walk: python -m experiments.walk [--motion s_curve] [--robots 1] [--engine mjx|mujoco]."""
+"""Let simulated robots walk: python -m experiments.walk [--motion s_curve] [--robots 1] or [--scene factory]."""
 
 import sys
 
@@ -22,6 +22,7 @@ import tyro
 
 from experiments.console import console, exit_with, progress_bar, say
 from experiments.walk_output import film, print_figures, push_forces, save_figures, save_pictures
+from experiments.walk_scene import PRETRAINED, SceneWalk, walk_in_scene
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walk_metrics import robot_rows, walk_metrics, walk_record
@@ -39,8 +40,16 @@ _GRID = 16  # robots shown in the grid of traces
 class Command:
     """Let BRUCE walk in simulation and measure how well it keeps to the plan.
 
+    With --scene it finds its own way: depth camera, iPath, iStepper and walking in one loop.
+
     Attributes:
-        motion: what to do; --footsteps and --path choose their own.
+        scene: a demonstration (factory, corridor, office), a test sequence (test_stair, test_office, test_corridor,
+            test_corner), or an MJCF or mesh file of your own, to walk in by sight.
+        policy: whose networks: `pretrained`, or the folder of a training run.
+        navigation: default, networks (as published) or classical (no iPath).
+        start: x, y [m] and heading [deg] in a scene of your own.
+        goals: x, y [m] of each goal, one after the other, in a scene.
+        motion: what to do without a scene; --footsteps and --path choose their own.
         speed: [m/s] forward, of sideways to the left.
         turn: [deg/s] of the motion turn.
         step_length: [m] in place of the speed.
@@ -52,7 +61,8 @@ class Command:
         robots: number of robots, each with friction, mass and start of its own.
         engine: of the physics: MJX for batches, or C MuJoCo.
         seed: of the conditions and the sensors' noise.
-        sensors: `none` feeds the true state back, the others walk on the estimate from simulated sensors.
+        sensors: `none` feeds the true state back, the others walk on the estimate from simulated sensors; left out,
+            `nominal` in a scene, else `none`.
         friction: least and largest coefficient of the floor.
         mass: largest relative change of all masses.
         delay: least and largest delay of the torques, in ticks of 2 ms.
@@ -64,6 +74,11 @@ class Command:
         devices: number of devices, all by default; on a CPU that many are made of its cores.
     """
 
+    scene: str | None = None
+    policy: str = PRETRAINED
+    navigation: str = "default"
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    goals: tuple[tuple[float, float], ...] = ()
     motion: MotionKind = "s_curve"
     speed: float = 0.15
     turn: float = 15.0
@@ -76,7 +91,7 @@ class Command:
     robots: int = 1
     engine: Literal["mjx", "mujoco"] = "mjx"
     seed: int = 0
-    sensors: Sensors = "none"
+    sensors: Sensors | None = None
     friction: tuple[float, float] = (0.5, 1.0)
     mass: float = 0.05
     delay: tuple[int, int] = (0, 0)
@@ -99,6 +114,24 @@ def motion_of(command: Command) -> Motion:
         kind, file = "path", command.path
     shared = ("speed", "turn", "step_length", "distance", "seconds", "width")
     return Motion(kind, file=file, **{name: getattr(command, name) for name in shared})
+
+
+def scene_walk(command: Command) -> SceneWalk:
+    """The walk through a scene that the options ask for."""
+    if command.robots != 1 or command.engine != "mjx":
+        raise InputError("A scene is walked by one robot on MJX; for many robots use experiments.evaluate --walks.")
+    return SceneWalk(
+        scene=command.scene or "",
+        policy=command.policy,
+        navigation=command.navigation,
+        start=command.start,
+        goals=command.goals,
+        sensors=command.sensors or "nominal",
+        disturbances=Disturbances(friction=command.friction, mass=command.mass, delay=command.delay),
+        seed=command.seed,
+        video=command.video,
+        out=command.out,
+    )
 
 
 def halfway(walk: Walk, gait: GaitParameters) -> float:
@@ -133,7 +166,10 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if command.view and not has_screen():
             raise InputError("There is no screen for MuJoCo's viewer (DISPLAY is not set); leave --view out.")
-        walker, model = default_walker(command.sensors)
+        if command.scene is not None:
+            walk_in_scene(scene_walk(command))
+            return 0
+        walker, model = default_walker(command.sensors or "none")
         gait = walker.controller.gait
         step_time = float(gait.hlip.step_time)
         walk = make_walk(motion_of(command), model, gait)
