@@ -9,6 +9,8 @@ import numpy as np
 from iwalker_jax.evaluation.tables import COLUMNS, Table, aligned_text, markdown_table
 from iwalker_jax.simulation.test_scenes import TEST_NAMES
 
+_DECIMALS = 3
+
 
 @dataclass(frozen=True)
 class PaperTable:
@@ -71,9 +73,14 @@ def scene_values(results: Table, metric: str) -> dict[str, dict[str, np.ndarray]
     return values
 
 
-def best_methods(values: dict[str, dict[str, np.ndarray]], scene: str, decimals: int) -> set[str]:
-    """The methods whose mean over the seeds is the lowest in a scene as it is printed, so that a tie shows as one."""
-    means = {method: round(float(np.mean(scenes[scene])), decimals) for method, scenes in values.items()}
+def printed_mean(seeds: np.ndarray) -> float:
+    """Mean over the seeds as the tables print it, so that rounding errors decide nothing."""
+    return round(float(np.mean(seeds)), _DECIMALS)
+
+
+def best_methods(values: dict[str, dict[str, np.ndarray]], scene: str) -> set[str]:
+    """The methods whose printed mean is the lowest in a scene: several where they tie."""
+    means = {method: printed_mean(scenes[scene]) for method, scenes in values.items()}
     return {method for method, mean in means.items() if mean == min(means.values())}
 
 
@@ -90,17 +97,16 @@ def paper_cells(results: Table, table: PaperTable, mark: str = "**") -> list[lis
         table: which one.
         mark: put on both sides of the best.
     """
-    decimals = next(column.decimals for column in COLUMNS if column.title == table.metric)
     values = scene_values(results, table.metric)
     scenes = [scene for scene in TEST_NAMES if all(scene in row for row in values.values())]
     lines = [["method", *scenes]]
     for method, row in values.items():
         cells = []
         for scene in scenes:
-            text = f"{np.mean(row[scene]):.{decimals}f}"
+            text = f"{np.mean(row[scene]):.{_DECIMALS}f}"
             if len(row[scene]) > 1:
-                text += f" +- {np.std(row[scene]):.{decimals}f}"
-            cells.append(f"{mark}{text}{mark}" if method in best_methods(values, scene, decimals) else text)
+                text += f" +- {np.std(row[scene]):.{_DECIMALS}f}"
+            cells.append(f"{mark}{text}{mark}" if method in best_methods(values, scene) else text)
         lines.append([method, *cells])
     for method, numbers in table.published:
         shown = dict(zip(TEST_NAMES, numbers, strict=True))
@@ -109,16 +115,25 @@ def paper_cells(results: Table, table: PaperTable, mark: str = "**") -> list[lis
 
 
 def verdict(results: Table, table: PaperTable, ours: str = "iwalker") -> str:
-    """In one sentence: where our method is better than each other one, and where by more than the seeds' spread."""
+    """In one sentence: in how many scenes our method's printed mean is better than each other one's, in how many
+    it ties, and, with several seeds, in how many the two do not overlap."""
     values = scene_values(results, table.metric)
     parts = []
     for method, row in values.items():
         if method == ours or ours not in values:
             continue
         scenes = [scene for scene in row if scene in values[ours]]
-        better = [scene for scene in scenes if np.mean(values[ours][scene]) < np.mean(row[scene])]
-        clear = [scene for scene in better if apart(values[ours][scene], row[scene])]
-        parts.append(f"than {method} in {len(better)} of {len(scenes)} scenes (in {len(clear)} beyond both spreads)")
+        gaps = {scene: printed_mean(row[scene]) - printed_mean(values[ours][scene]) for scene in scenes}
+        better = [scene for scene, gap in gaps.items() if gap > 0]
+        details = []
+        if all(len(row[scene]) > 1 for scene in scenes):
+            clear = [scene for scene in better if apart(values[ours][scene], row[scene])]
+            details.append(f"{len(clear)} beyond both spreads")
+        ties = sum(gap == 0 for gap in gaps.values())
+        if ties:
+            details.append(f"{ties} alike")
+        more = f" ({', '.join(details)})" if details else ""
+        parts.append(f"than {method} in {len(better)} of {len(scenes)} scenes{more}")
     return f"{ours} is better " + ", ".join(parts) + "." if parts else ""
 
 
