@@ -46,10 +46,11 @@ def frames_from_episodes(
     for k, task in enumerate(tasks):
         rng = np.random.default_rng([seed, k])
         running = np.flatnonzero(record.outcome[k] == Outcome.RUNNING)
-        chosen = running[rng.integers(stride) :: stride]
+        chosen = running[1 + rng.integers(stride) :: stride]
         if len(chosen) == 0:
             continue
-        poses = np.asarray(record.base[k, chosen], np.float32)
+        # The image was taken at the frame's start, where the frame before ended.
+        poses = np.asarray(record.base[k, chosen - 1], np.float32)
         goals = np.concatenate(
             [
                 reachable_goals(
@@ -64,7 +65,7 @@ def frames_from_episodes(
             ]
         )
         depth = depth_to_millimetres(np.asarray(record.depth[k, chosen], np.float32))
-        mounts = np.asarray(_mounts(camera, jnp.asarray(record.qpos[k, chosen]), jnp.asarray(poses)))
+        mounts = np.asarray(_mounts(camera, jnp.asarray(record.qpos[k, chosen - 1]), jnp.asarray(poses)))
         parts.append(FrameSet(depth, mounts, goals, poses, np.zeros(len(chosen), np.int32), (task.name,)))
         names.append(task.name)
     if not parts:
