@@ -31,7 +31,8 @@ class GaitState(NamedTuple):
         target: (3,) x, y [m] and yaw [rad] of the present footstep.
         heading: () [rad] of the torso's reference at the last touchdown.
         com_start: (2,) [m] where the COM's standing reference started from.
-        home: (2, 3) x, y, yaw of both feet where a robot without a plan steps on the spot.
+        home: (2, 3) x, y [m] and yaw [rad] of both feet where a robot without a plan steps on the spot: the start,
+            or where it began to tip.
         offset: (2,) [m] by which the plan has been moved.
         residual: (2, 2, 2, 2) learned errors of the pendulum's pre-impact prediction: stance side; made at touchdown
             or at the freeze; sagittal or lateral; position [m] or velocity [m/s].
@@ -115,12 +116,17 @@ def initial_gait(gait: GaitParameters, posture: Posture) -> GaitState:
         target=jnp.zeros(3, dtype),
         heading=_mean_yaw(posture.foot_yaws),
         com_start=posture.com[:2],
-        home=jnp.concatenate([posture.feet[:, :2], posture.foot_yaws[:, None]], axis=1),
+        home=_places(posture),
         offset=jnp.zeros(2, dtype),
         residual=_first_residual(gait.leg_effect, dtype),
         stride=zero,
         pendulum=jnp.zeros((2, 2, 2), dtype),
     )
+
+
+def _places(posture: Posture) -> Float[Array, "2 3"]:
+    """x, y [m] and yaw [rad] of both feet."""
+    return jnp.concatenate([posture.feet[:, :2], posture.foot_yaws[:, None]], axis=1)
 
 
 def _first_residual(effect: LegEffect, dtype: DTypeLike) -> Float[Array, "2 2 2 2"]:
@@ -276,11 +282,16 @@ def _first_stance_point(
 def _change_mode(
     gait: GaitParameters, gains: SteppingGains, posture: Posture, plan: FootstepPlan, state: GaitState
 ) -> GaitState:
-    """Start shifting, lift the first foot, exchange the feet at touchdown, or stop, if it is time to."""
-    divergent = posture.com[:2] + posture.com_velocity[:2] / gains.rate
+    """Start shifting, lift the first foot, exchange the feet at touchdown, or stop, if it is time to.
+
+    A standing robot that tips lifts the less loaded foot at once, or the one whose footstep is due.
+    """
+    divergent = _between_feet(posture, posture.com[:2] + posture.com_velocity[:2] / gains.rate)
     planned = state.step < plan.count
-    start = (state.mode == STAND) & planned & (state.time >= gait.stand_time)
-    lift = (state.mode == SHIFT) & (state.time >= gait.shift_time + gait.settle_time)
+    outside = (jnp.abs(divergent[0]) > gait.tip_forward) | (jnp.abs(divergent[1]) > 1 + gait.tip_sideways)
+    tips = (state.mode != WALK) & outside
+    start = (state.mode == STAND) & planned & (state.time >= gait.stand_time) & ~tips
+    lift = ((state.mode == SHIFT) & (state.time >= gait.shift_time + gait.settle_time)) | tips
     touches = posture.touching[1 - state.stance]
     due = (state.phase >= _DONE) & (touches | (state.late >= gait.late_touchdown))
     land = (state.mode == WALK) & (due | (touches & (state.phase > 0.5) & gait.early_touchdown))
@@ -295,10 +306,11 @@ def _change_mode(
     offset = offset * jnp.maximum(1 - gait.return_step / length, 0)
     step = jnp.minimum(state.step + 1, plan.count)
     stance = 1 - state.stance
-    stop = land & (step >= plan.count) & _caught(gait, posture, divergent)
+    caught = (jnp.abs(divergent[0]) < gait.stop_forward) & (jnp.abs(divergent[1]) < gait.stop_sideways)
+    stop = land & (step >= plan.count) & caught
 
-    first_stance = 1 - plan.first_swing
-    new_stance = jnp.where(start, first_stance, jnp.where(land, stance, state.stance)).astype(jnp.int32)
+    first_stance = jnp.where(planned, 1 - (plan.first_swing + state.step) % 2, (divergent[1] > 0).astype(jnp.int32))
+    new_stance = jnp.where(start | tips, first_stance, jnp.where(land, stance, state.stance)).astype(jnp.int32)
     lifted = posture.feet[1 - new_stance]
     begin = lift | (land & ~stop)  # a swing begins
     changed = start | lift | land
@@ -329,6 +341,7 @@ def _change_mode(
         com_start=jnp.where(changed, posture.com[:2], state.com_start),
         residual=jnp.where(land, learned, state.residual),
         pendulum=jnp.where(begin, jnp.stack([com, com]), state.pendulum),
+        home=jnp.where(tips, _places(posture), state.home),
     )
 
 
@@ -367,11 +380,10 @@ def _learn(gait: GaitParameters, posture: Posture, state: GaitState) -> Float[Ar
     return jnp.clip(moved, -limit, limit)
 
 
-def _caught(gait: GaitParameters, posture: Posture, divergent: Float[Array, "2"]) -> Array:
-    """Whether the divergent component lies between the feet, so that standing can hold it."""
-    across = posture.feet[1, :2] - posture.feet[0, :2]
-    width = jnp.sqrt(jnp.sum(across**2) + 1e-12)
+def _between_feet(posture: Posture, point: Float[Array, "2"]) -> Float[Array, "2"]:
+    """A point [m] by how far it lies ahead of the line between the feet [m] and sideways, +1 left foot, -1 right."""
     yaw = _mean_yaw(posture.foot_yaws)
-    middle = jnp.mean(posture.feet[:, :2], axis=0)
-    along = turn(-yaw, divergent - middle)
-    return (jnp.abs(along[0]) < 0.035) & (jnp.abs(along[1]) < width / 2 - gait.stop_margin)
+    half = turn(-yaw, posture.feet[1, :2] - posture.feet[0, :2]) / 2
+    along = turn(-yaw, point - jnp.mean(posture.feet[:, :2], axis=0))
+    sideways = along[1] / jnp.maximum(half[1], 1e-3)
+    return jnp.stack([along[0] - jnp.clip(sideways, -1, 1) * half[0], sideways])

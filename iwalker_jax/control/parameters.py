@@ -50,7 +50,10 @@ class GaitParameters:
         stand_time: time of standing before a walk starts [s].
         shift_time: time in which the COM moves towards the first stance foot [s].
         settle_time: time it then waits there [s].
-        stop_margin: the divergent component must lie this far inside the feet to stop [m].
+        stop_forward: to stop, the divergent component must be less than this ahead of or behind the feet [m], and
+        stop_sideways: less than this share of the way from the middle to either foot.
+        tip_forward, tip_sideways: a standing robot steps at once when it is farther ahead or behind [m], or by this
+            share of that way outside the feet.
         governor: deviation of a footstep from the plan beyond which the plan itself moves [m].
         return_step: how far a moved plan returns towards its place in one step [m].
         residual_rate: share of the pendulum's newest prediction error that is learned at each step.
@@ -77,7 +80,10 @@ class GaitParameters:
     stand_time: float = 0.3
     shift_time: float = 0.5
     settle_time: float = 0.4
-    stop_margin: float = 0.01
+    stop_forward: float = 0.035
+    stop_sideways: float = 0.8
+    tip_forward: float = 0.045
+    tip_sideways: float = 0.0
     governor: float = 0.03
     return_step: float = 0.01
     residual_rate: float = 0.3
@@ -98,6 +104,10 @@ class GaitParameters:
         require_range(self, "slowest", 1.0, 3.0, "of the nominal time")
         require_range(self, "shift_time", 0.05, 10.0, "s")
         require_range(self, "residual_rate", 0.0, 1.0, "")
+        if self.tip_forward < self.stop_forward or self.tip_sideways < self.stop_sideways - 1:
+            raise InputError(
+                "A robot that stops must not tip: give tip_forward >= stop_forward, tip_sideways >= stop_sideways - 1."
+            )
 
 
 @dataclass(frozen=True)
