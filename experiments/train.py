@@ -27,6 +27,7 @@ from iwalker_jax.training.config import PRESETS, TrainConfig, config_to_dict
 from iwalker_jax.training.datasets import load_training_frames
 from iwalker_jax.training.loop import Progress, TrainResult, batch_mesh, train
 from iwalker_jax.training.maps import TrainingData, prepare
+from iwalker_jax.training.pretrained import save_planner
 from iwalker_jax.training.train_step import planner_from
 
 
@@ -129,6 +130,7 @@ def main(arguments: list[str] | None = None) -> int:
             return 130
         config_file(command.out).write_text(json.dumps(config_to_dict(command.config), indent=2) + "\n")
         planner = planner_from(command.config, result.state.params)
+        save_planner(command.out / "planner.npz", planner, command.config)
         sequences = standard_sequences(unseen_scenes=command.unseen_scenes, say=say)
         if command.config.source.folder is not None:
             frames = load_training_frames(command.config.source, say=lambda sentence: None)
