@@ -2,7 +2,7 @@
 
 The base's acceleration follows from the six unactuated rows of the equations of motion and the arms' is prescribed, so
 the unknowns are x = [leg accelerations, contact forces] alone; torques are linear in x. Contacts in the air have their
-Jacobian masked and their vertical force bounded by zero, so shapes never change. Eq. 16 of the iWalker paper.
+Jacobian masked and their bounds lifted, so shapes never change. Eq. 16 of the iWalker paper.
 """
 
 from dataclasses import dataclass
@@ -130,10 +130,11 @@ def whole_body_program(
     pyramid = pyramid.at[4, 2].set(1.0)
     friction = jnp.kron(jnp.eye(contacts, dtype=dtype), pyramid)
     friction = jnp.concatenate([jnp.zeros((FRICTION_ROWS * contacts, legs), dtype), friction], axis=1)
-    # A swing contact's rows are all equalities with zero, so its multipliers never hover about a change of sides.
-    infinite = jnp.where(carrying[:, None] > 0, jnp.inf, jnp.zeros((contacts, 4), dtype))
-    low = jnp.concatenate([jnp.zeros_like(infinite), (parameters.least_force * carrying)[:, None]], axis=1).reshape(-1)
-    high = jnp.concatenate([infinite, (parameters.largest_force * carrying)[:, None]], axis=1).reshape(-1)
+    # A swing contact's forces move nothing and rest at zero: without bounds they are zero, and cost no pivots.
+    low = jnp.asarray([0, 0, 0, 0, parameters.least_force], dtype)
+    high = jnp.asarray([jnp.inf, jnp.inf, jnp.inf, jnp.inf, parameters.largest_force], dtype)
+    low = jnp.where(carrying[:, None] > 0, low, -jnp.inf).reshape(-1)
+    high = jnp.where(carrying[:, None] > 0, high, jnp.inf).reshape(-1)
 
     to_motors = actuation.motors_from_torques[:legs, :legs]
     motors = to_motors @ dynamics.torque[:legs]

@@ -77,13 +77,13 @@ def largest(values: Float[Array, "m *b"]) -> Float[Array, "*b"]:
 
 
 def factorise(P: Float[Array, "n n *b"], C: Float[Array, "m n *b"]) -> Factor:
-    """Cholesky factorisation that carries C and the identity along and gathers S on the way.
+    """Cholesky factorisation that carries C and the identity along.
 
     A pivot that is not safely positive is lifted to a small one (Gill and Murray's modified Cholesky).
     """
     n, m, dtype = P.shape[0], C.shape[0], P.dtype
     tiny = jnp.finfo(dtype).tiny
-    least = 50 * float(jnp.finfo(dtype).eps)
+    least = _least(dtype)
     diagonal = jnp.stack([P[k, k] for k in range(n)])
     # A variable without a cost of its own is scaled like the dearest one.
     largest = jnp.max(diagonal, axis=0)
@@ -94,40 +94,79 @@ def factorise(P: Float[Array, "n n *b"], C: Float[Array, "m n *b"]) -> Factor:
     start = jnp.concatenate(
         [P * scale[:, None] * scale[None], jnp.swapaxes(C, 0, 1) * scale[:, None], identity], axis=1
     )
-    index = jnp.arange(n).reshape((n,) + (1,) * len(batch))
-
-    def eliminate(k: Array, carry: tuple) -> tuple:
-        stack, gram, excess, smallest = carry
-        line = jax.lax.dynamic_index_in_dim(stack, k, keepdims=False)
-        own = jax.lax.dynamic_index_in_dim(line, k, keepdims=False)
-        lifted = jnp.where(own < least, LIFTED, own)
-        column = line[:n] + jnp.where(index == k, lifted - own, 0)
-        root = jnp.sqrt(lifted)
-        line = jnp.concatenate([column, line[n:]]) / root
-        away = jnp.where(index > k, line[:n], jnp.where(index == k, root - 1, 0))
-        stack = stack - away[:, None] * line[None]
-        row = line[n : n + m]
-        return (
-            stack,
-            gram + row[:, None] * row[None],
-            jnp.where(index == k, lifted - own, excess),
-            jnp.minimum(smallest, own),
-        )
-
-    carry = (
-        start,
-        jnp.zeros((m, m, *batch), dtype),
-        jnp.zeros((n, *batch), dtype),
-        jnp.full(batch, jnp.inf, dtype),
-    )
-    stack, gram, excess, smallest = jax.lax.fori_loop(0, n, eliminate, carry)
+    # One problem fits into the first-level cache whole; of a batch only what is being written does.
+    done, excess, smallest = _eliminate_all(start) if P.ndim == 2 else _row_by_row(start)
+    rows = done[:, n : n + m]
+    gram = _gram(rows)
     square = jnp.stack([gram[i, i] for i in range(m)])
     lengths = jnp.where(square > tiny, jax.lax.rsqrt(jnp.maximum(square, tiny)), 0)
     return Factor(
-        root=stack[:, n + m :] * scale[None],
+        root=done[:, n + m :] * scale[None],
         excess=excess / (scale * scale),
-        rows=stack[:, n : n + m] * lengths[None],
+        rows=rows * lengths[None],
         lengths=lengths,
         gram=gram * lengths[:, None] * lengths[None],
         pivot=smallest,
     )
+
+
+def _least(dtype: jnp.dtype) -> float:
+    """Pivots below this, of a matrix with unit diagonal, are rounding."""
+    return 50 * float(jnp.finfo(dtype).eps)
+
+
+def _scale_row(
+    line: Float[Array, "c *b"], k: Array, n: int
+) -> tuple[Float[Array, "c *b"], Float[Array, "*b"], Float[Array, "*b"]]:
+    """Row k of the factor from the row with its predecessors' shares taken off, its pivot, and what lifted that."""
+    own = jax.lax.dynamic_index_in_dim(line, k, keepdims=False)
+    lifted = jnp.where(own < _least(line.dtype), LIFTED, own)
+    at = jnp.arange(line.shape[0]).reshape((-1,) + (1,) * own.ndim)
+    line = jnp.where(at < k, 0, jnp.where(at == k, lifted, line)) / jnp.sqrt(lifted)
+    return line, own, jnp.where(at[:n] == k, lifted - own, 0)
+
+
+def _eliminate_all(stack: Float[Array, "n c"]) -> tuple[Float[Array, "n c"], Float[Array, "n"], Float[Array, ""]]:
+    """Rows of the factor, what was added to the diagonal and the least pivot; each row leaves all others at once."""
+    n = stack.shape[0]
+    index = jnp.arange(n)
+
+    def eliminate(k: Array, carry: tuple) -> tuple:
+        stack, excess, smallest = carry
+        line, own, lifting = _scale_row(stack[k], k, n)
+        stack = stack - jnp.where(index > k, line[:n], 0)[:, None] * line
+        return stack.at[k].set(line), excess + lifting, jnp.minimum(smallest, own)
+
+    return jax.lax.fori_loop(0, n, eliminate, (stack, jnp.zeros(n, stack.dtype), jnp.asarray(jnp.inf, stack.dtype)))
+
+
+def _row_by_row(
+    stack: Float[Array, "n c *b"],
+) -> tuple[Float[Array, "n c *b"], Float[Array, "n *b"], Float[Array, "*b"]]:
+    """The same, row after row from those before it."""
+    n, batch, dtype = stack.shape[0], stack.shape[2:], stack.dtype
+    take = jax.lax.dynamic_index_in_dim
+
+    def add_row(k: Array, carry: tuple) -> tuple:
+        done, excess, smallest = carry  # rows from k on are still zero
+        line = take(stack, k, keepdims=False) - apply_transposed(done, take(done, k, 1, keepdims=False))
+        line, own, lifting = _scale_row(line, k, n)
+        done = jax.lax.dynamic_update_index_in_dim(done, line, k, 0)
+        return done, excess + lifting, jnp.minimum(smallest, own)
+
+    begin = (jnp.zeros_like(stack), jnp.zeros((n, *batch), dtype), jnp.full(batch, jnp.inf, dtype))
+    return jax.lax.fori_loop(0, n, add_row, begin)
+
+
+def _gram(rows: Float[Array, "n m *b"]) -> Float[Array, "m m *b"]:
+    """rows' rows, summed where it stays in the cache: all of it for one problem, line by line for a batch."""
+    n, m, batch = rows.shape[0], rows.shape[1], rows.shape[2:]
+    begin = jnp.zeros((m, m, *batch), rows.dtype)
+    if not batch:
+        return jax.lax.fori_loop(0, n, lambda k, gram: gram + rows[k][:, None] * rows[k], begin)
+
+    def add_line(i: Array, gram: Array) -> Array:
+        line = apply_transposed(rows, jax.lax.dynamic_index_in_dim(rows, i, 1, keepdims=False))
+        return jax.lax.dynamic_update_index_in_dim(gram, line, i, 0)
+
+    return jax.lax.fori_loop(0, m, add_line, begin)
