@@ -38,6 +38,7 @@ class GaitParameters:
         hlip: the pendulum; its single-support time is the nominal step time.
         mpc: weights of the step MPC that corrects the planned footsteps.
         horizon: planned footsteps that the step MPC looks ahead.
+        feedback: whether the step MPC corrects the planned footsteps; without it they are taken as planned.
         reach: bounds of one step in the heading frame.
         behind, ahead: how far behind and ahead of the COM a foot may land [m]; the hip hardly extends backwards.
         swing_height: apex of the swing foot above the stance foot [m].
@@ -67,6 +68,7 @@ class GaitParameters:
     hlip: HlipParameters = HlipParameters()
     mpc: StepMpcWeights = StepMpcWeights(orbit_position=30.0, orbit_velocity=1.0)
     horizon: int = 6
+    feedback: bool = True
     reach: StepReach = StepReach(sagittal=0.30, lateral_min=0.045, lateral_max=0.26)
     behind: float = 0.16
     ahead: float = 0.28

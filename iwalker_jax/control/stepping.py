@@ -126,6 +126,8 @@ def choose_step(
     ahead_position = ahead_position + expected[:, 0]
     ahead_velocity = ahead_velocity + expected[:, 1]
     local = turn(-heading, wanted)
+    if not gait.feedback:
+        return StepChoice(wanted[0], wanted[0], times[0])
     steps = gains.wanted @ local + gains.state[0] * ahead_position + gains.state[1] * ahead_velocity
     # Governor: far off the plan, the plan comes along. Moving it by o leaves (steps - local) - stiffness o; the rest of
     # the correction is then plain placement at the divergent component, which does not overshoot.

@@ -2,12 +2,13 @@
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float
 
+from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.camera import load_camera
 from iwalker_jax.navigation.closed_loop import LoopRules, Navigator
@@ -20,13 +21,30 @@ from iwalker_jax.simulation.depth_noise import DepthNoise
 from iwalker_jax.simulation.walk_setup import Sensors, default_walker
 from iwalker_jax.simulation.walking import Conditions
 
-POLICIES: dict[str, tuple[GuideRules, PursuitRules | None]] = {
-    "default": (GuideRules(), PursuitRules()),
-    "networks": (GuideRules(source="network", band=False), None),
-    "classical": (GuideRules(source="route"), PursuitRules()),
+
+class Policy(NamedTuple):
+    """A way of navigating.
+
+    Attributes:
+        guidance: how paths come about.
+        pursuit: how footsteps do; None takes the networks' output as it is.
+        feedback: whether the step MPC corrects the footsteps online.
+    """
+
+    guidance: GuideRules
+    pursuit: PursuitRules | None
+    feedback: bool
+
+
+POLICIES = {
+    "default": Policy(GuideRules(), PursuitRules(), True),
+    "networks": Policy(GuideRules(source="network", band=False), None, True),
+    "published": Policy(GuideRules(source="network", band=False), None, False),
+    "classical": Policy(GuideRules(source="route"), PursuitRules(), True),
 }
 """default: iPath's path to the next way point of the remembered route, drawn off the obstacles; iStepper on a line that
-the robot can turn along. networks: iPath and iStepper as published. classical: the route instead of iPath's path."""
+the robot can turn along; the step MPC online. networks: iPath and iStepper alone choose the way, the step MPC keeps the
+balance. published: not even that. classical: the route instead of iPath's path."""
 
 
 def make_navigator(
@@ -48,8 +66,8 @@ def make_navigator(
     """
     if policy not in POLICIES:
         raise InputError(f"Unknown policy {policy!r}; choose one of {', '.join(POLICIES)}.")
-    walker, model = default_walker(sensors)
-    guidance, pursuit = POLICIES[policy]
+    guidance, pursuit, feedback = POLICIES[policy]
+    walker, model = default_walker(sensors, GaitParameters(feedback=feedback))
     graph, params = nnx.split(planner, nnx.Param)
     return Navigator(
         walker=walker,
