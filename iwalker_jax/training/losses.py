@@ -46,6 +46,8 @@ class LossWeights:
         step_width, step_length: [1/m^2] squared departures from the desired width and length (eqs. 12-14).
         step_collision: body overlap at the footsteps (U_ESDF).
         published_collision: published map's value at the footsteps, the paper's own U_ESDF.
+        torque_margin, shortfall, placement: what the walking controller's whole-body QP and its stepping feedback say
+            of the first footsteps (see `low_level.LowLevelLosses`); part of U_step.
         step_to_path: whether U_step's gradient reaches iPath.
     """
 
@@ -61,12 +63,20 @@ class LossWeights:
     step_length: float = 100.0
     step_collision: float = 2.0
     published_collision: float = 0.0
+    torque_margin: float = 0.0
+    shortfall: float = 0.0
+    placement: float = 0.0
     step_to_path: bool = True
 
     def __post_init__(self) -> None:
         numbers = [value for value in vars(self).values() if not isinstance(value, bool)]
         if any(not value >= 0 for value in numbers):
             raise InputError("Loss weights must be finite and not negative.")
+
+    @property
+    def ask_low_level(self) -> bool:
+        """Whether any term needs the robot and its controller."""
+        return max(self.torque_margin, self.shortfall, self.placement) > 0
 
 
 @dataclass(frozen=True)

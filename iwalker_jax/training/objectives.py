@@ -13,27 +13,30 @@ from iwalker_jax.planning.planner import Plan, Planner, waypoints_to_path
 from iwalker_jax.training.baselines import heuristic_losses, heuristic_sum
 from iwalker_jax.training.batches import Batch
 from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.losses import StepLosses, fear_loss, path_losses, step_losses, weighted_sum
+from iwalker_jax.training.losses import fear_loss, path_losses, step_losses, weighted_sum
+from iwalker_jax.training.low_level import LowLevel, low_level_losses, low_level_sum
 from iwalker_jax.training.ppo import ActorCritic, Experience, log_density, normalised, ppo_losses, ppo_sum
 
 
-def batch_losses(planner: Planner, batch: Batch, config: TrainConfig) -> tuple[Array, tuple[dict, Array, Plan]]:
+def batch_losses(
+    planner: Planner, batch: Batch, config: TrainConfig, low_level: LowLevel | None = None
+) -> tuple[Array, tuple[dict, Array, Plan]]:
     """Total loss of a batch, its terms, the rows that count, and the plan; for every method but PPO.
 
     U_path is a function of the path alone, so it reaches iPath only; U_step is a function of the footsteps, which
-    follow from the path, so it reaches both unless `step_to_path` is off.
+    follow from the path, so it reaches both unless `step_to_path` is off. The low level is asked if there is one.
     """
     path, waypoints, fear = planner.plan_path(batch.depth, batch.goal, batch.mount)
     path_loss, path_terms = _path_loss(path, fear, batch, config)
     joint = config.weights.step_to_path and config.method == "iwalker"
     followed = path if joint else jax.lax.stop_gradient(path)
-    footsteps, step_loss, step_terms = _step_loss(planner, followed, batch, config)
+    footsteps, step_loss, step_terms = _step_loss(planner, followed, batch, config, low_level)
 
     # An implicit gradient is only right at the optimum: rows that did not converge are counted and left out.
-    counts = path_terms["converged"] & step_terms.converged
+    counts = path_terms["converged"] & step_terms["converged"]
     loss = jnp.mean(jnp.where(counts, path_loss + step_loss, 0.0))
     sums = {"U_path": path_loss, "U_step": step_loss, "total": loss}
-    return loss, (_means(path_terms | step_terms._asdict() | sums), counts, Plan(path, waypoints, fear, footsteps))
+    return loss, (_means(path_terms | step_terms | sums), counts, Plan(path, waypoints, fear, footsteps))
 
 
 def explore(learner: ActorCritic, batch: Batch, key: Array, config: TrainConfig) -> tuple[Experience, dict[str, Array]]:
@@ -62,7 +65,7 @@ def explore(learner: ActorCritic, batch: Batch, key: Array, config: TrainConfig)
 
 
 def policy_losses(
-    learner: ActorCritic, batch: Batch, tried: Experience, config: TrainConfig
+    learner: ActorCritic, batch: Batch, tried: Experience, config: TrainConfig, low_level: LowLevel | None = None
 ) -> tuple[Array, tuple[dict, Array, Plan]]:
     """What `batch_losses` says, for PPO: U_path reaches iPath as a reward alone; fear and footsteps learn as ever."""
     planner, settings = learner.planner, config.ppo
@@ -72,12 +75,12 @@ def policy_losses(
     policy = ppo_losses(waypoints, learner.log_deviation[...], value, tried, settings)
     clearance = jax.vmap(lambda esdf, points: sample_smooth(esdf, DEFAULT_GRID, points))(batch.maps.esdf, followed)
     fears = jax.vmap(lambda logit, row: fear_loss(logit, row, config.models))(fear, clearance)
-    footsteps, step_loss, step_terms = _step_loss(planner, followed, batch, config)
-    counts = step_terms.converged
+    footsteps, step_loss, step_terms = _step_loss(planner, followed, batch, config, low_level)
+    counts = step_terms["converged"]
     taught = jnp.mean(jnp.where(counts, config.weights.fear * fears + step_loss, 0.0))
     loss = ppo_sum(policy, settings) + taught
     sums = {"U_step": step_loss, "total": loss}
-    terms = _means(policy._asdict() | step_terms._asdict() | sums)
+    terms = _means(policy._asdict() | step_terms | sums)
     return loss, (terms, counts, Plan(path, waypoints, fear, footsteps))
 
 
@@ -93,13 +96,21 @@ def _path_loss(path: Array, fear: Array, batch: Batch, config: TrainConfig) -> t
     return jax.vmap(lambda terms: weighted_sum(terms, config.weights))(bilevel), bilevel._asdict()
 
 
-def _step_loss(planner: Planner, path: Array, batch: Batch, config: TrainConfig) -> tuple[Array, Array, StepLosses]:
+def _step_loss(
+    planner: Planner, path: Array, batch: Batch, config: TrainConfig, low_level: LowLevel | None
+) -> tuple[Array, Array, dict[str, Array]]:
     """Footsteps along a path, each row's U_step and its terms."""
     footsteps = planner.istepper(path, batch.state)
     terms = jax.vmap(lambda s, p, x, m: step_losses(s, p, x, m, config.models, config.gradient))(
         footsteps, path, batch.state, batch.maps
     )
-    return footsteps, jax.vmap(lambda row: weighted_sum(row, config.weights))(terms), terms
+    loss = jax.vmap(lambda row: weighted_sum(row, config.weights))(terms)
+    if low_level is None:
+        return footsteps, loss, terms._asdict()
+    width = config.models.steps.width
+    asked = jax.vmap(lambda s, x: low_level_losses(low_level, s, x, width))(footsteps, batch.state)
+    loss = loss + jax.vmap(lambda row: low_level_sum(row, config.weights))(asked)
+    return footsteps, loss, terms._asdict() | asked._asdict()
 
 
 def _means(terms: dict[str, Any]) -> dict[str, Array]:

@@ -1,0 +1,261 @@
+"""What the low level says of predicted footsteps: torques, accelerations and placement, differentiated through its QP.
+
+A footstep is judged as if it had been known when its swing began: the robot stands on one foot with its COM on the
+pendulum's arc and its swing foot on the quintic to the footstep, and the whole-body QP is asked for the motion's next
+instant. Limp legs satisfy the QP's limits, so it is always feasible: what a footstep asks too much of shows as torques
+near their limits and accelerations that fall short. The walk's disturbances, impacts and turns stay outside.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from bruce_model import load_mujoco
+from iwalker_jax.control.controller import Controller, make_controller, whole_body_tasks
+from iwalker_jax.control.gait import GaitReference
+from iwalker_jax.control.stepping import choose_step, flow
+from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
+from iwalker_jax.control.whole_body import CONTACT_FEET, GRAVITY, reduced_dynamics, whole_body_program
+from iwalker_jax.optimization.qp import solve_qp
+from iwalker_jax.planning.robot_state import RobotState
+from iwalker_jax.robot.model import LEG_JOINTS, RobotModel, load_robot
+from iwalker_jax.robot.placement import place_robot
+from iwalker_jax.robot.rigid_body import rigid_body_terms
+from iwalker_jax.training.losses import LossWeights
+
+PHASES = (0.25, 0.75)
+"""Of a swing at which the QP is asked: near the swing foot's largest acceleration and deceleration."""
+
+STEPS = 2
+"""Footsteps that are judged: on the second the pendulum arrives as the first has left it."""
+
+USUAL_SHARE = 0.35
+"""Of a motor's largest torque up to which it costs nothing: what a walk on the spot takes."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class LowLevel:
+    """The robot that shall take the footsteps and the controller that shall make it."""
+
+    robot: RobotModel
+    controller: Controller
+
+
+class LowLevelLosses(NamedTuple):
+    """Terms for one frame, unweighted (see `LossWeights`).
+
+    Attributes:
+        torque_margin: squared excess of each leg motor's share of its largest torque over `USUAL_SHARE`, summed over
+            the motors, mean over the instants.
+        shortfall: log(1 + squared accelerations that swing foot and COM miss, in units of gravity), mean over the
+            instants; the logarithm keeps a leg that is nearly straight from drowning all others.
+        placement: [m^2] squared distance by which the walk's stepping feedback would move the first footstep.
+        asked: share of the instants whose posture exists and whose QP converged; the others count for nothing.
+    """
+
+    torque_margin: Float[Array, ""]
+    shortfall: Float[Array, ""]
+    placement: Float[Array, ""]
+    asked: Float[Array, ""]
+
+
+class Instant(NamedTuple):
+    """One instant of a swing, in axes of the base frame with the stance foot at the origin.
+
+    Attributes:
+        left: () whether the stance foot is the left one.
+        com, com_velocity: (2,) [m, m/s].
+        lift_off, footstep: (2,) [m] ends of the swing.
+        phase: () 0..1 through it.
+    """
+
+    left: Bool[Array, ""]
+    com: Float[Array, "2"]
+    com_velocity: Float[Array, "2"]
+    lift_off: Float[Array, "2"]
+    footstep: Float[Array, "2"]
+    phase: Float[Array, ""]
+
+
+class Answer(NamedTuple):
+    """The low level's answer at an instant.
+
+    Attributes:
+        torque_shares: (10,) of the leg motors, signed.
+        swing_shortfall, com_shortfall: (3,) [m/s^2] accelerations asked for less those of the QP.
+        converged: () whether the posture exists, the QP converged and its derivative may be trusted.
+    """
+
+    torque_shares: Float[Array, " legs"]
+    swing_shortfall: Float[Array, "3"]
+    com_shortfall: Float[Array, "3"]
+    converged: Bool[Array, ""]
+
+
+def load_low_level() -> LowLevel:
+    """BRUCE and its walking controller, in JAX's present precision."""
+    robot = load_robot(load_mujoco())
+    return LowLevel(robot, make_controller(robot))
+
+
+def low_level_losses(
+    low_level: LowLevel, footsteps: Float[Array, "m 2"], state: RobotState, width: float
+) -> LowLevelLosses:
+    """Terms of the first footsteps.
+
+    Args:
+        low_level: who shall take them.
+        footsteps: (m, 2) [m] predicted, base frame; m at least the gait's horizon.
+        state: of this robot.
+        width: [m] desired distance between the feet's tracks, at which the swing foot is taken to have stood.
+    """
+    instants = instants_of(low_level, footsteps, state, width)
+    answers = jax.vmap(lambda instant: ask(low_level, instant))(instants)
+    usable = answers.converged.astype(footsteps.dtype)
+
+    def mean(values: Array) -> Array:
+        return jnp.sum(jnp.where(answers.converged, values, 0.0)) / usable.size
+
+    excess = jnp.maximum(jnp.abs(answers.torque_shares) - USUAL_SHARE, 0.0)
+    missed = jnp.sum(answers.swing_shortfall**2 + answers.com_shortfall**2, axis=1) / GRAVITY**2
+    return LowLevelLosses(
+        torque_margin=mean(jnp.sum(excess**2, axis=1)),
+        shortfall=mean(jnp.log1p(missed)),
+        placement=jnp.sum(correction(low_level, footsteps, state) ** 2),
+        asked=jnp.mean(usable),
+    )
+
+
+def low_level_sum(losses: LowLevelLosses, weights: LossWeights) -> Float[Array, ""]:
+    """Weighted sum of the terms."""
+    return (
+        weights.torque_margin * losses.torque_margin
+        + weights.shortfall * losses.shortfall
+        + weights.placement * losses.placement
+    )
+
+
+def instants_of(low_level: LowLevel, footsteps: Float[Array, "m 2"], state: RobotState, width: float) -> Instant:
+    """The instants `PHASES` of the first `STEPS` swings, stacked.
+
+    Where the first swing began is not part of the state. Its length is taken from the pendulum's velocity at mid-stance
+    v, which a walk at a constant speed crosses with steps of 2 v sinh(lambda T / 2) / lambda.
+    """
+    gait, rate = low_level.controller.gait, low_level.controller.gains.rate.astype(footsteps.dtype)
+    time = gait.hlip.single_support_time
+
+    def at(moment: float | Array) -> tuple[Array, Array]:
+        return flow(rate, state.com_from_stance, state.com_velocity, moment - state.time_in_step)
+
+    places = footsteps[:STEPS] + state.com_from_stance
+    stride = 2 * jnp.sinh(rate * time / 2) / rate * at(time / 2)[1][0]
+    lift_off = jnp.stack([-stride, -state.stance_side * width])
+    base = jnp.zeros(2, footsteps.dtype)
+    com = at(0.0)
+    left = state.stance_side > 0
+    instants = []
+    for k in range(STEPS):
+        for phase in PHASES:
+            position, velocity = flow(rate, *com, jnp.asarray(phase * time, footsteps.dtype))
+            phase_array = jnp.asarray(phase, footsteps.dtype)
+            instants.append(Instant(left, position, velocity, lift_off - base, places[k] - base, phase_array))
+        position, velocity = flow(rate, *com, jnp.asarray(time, footsteps.dtype))
+        com = position + base - places[k], velocity
+        lift_off, base, left = base, places[k], ~left
+    return jax.tree.map(lambda *parts: jnp.stack(parts), *instants)
+
+
+def ask(low_level: LowLevel, instant: Instant) -> Answer:
+    """Put the robot into an instant and solve the whole-body QP there."""
+    robot, controller = low_level.robot, low_level.controller
+    gait, p = controller.gait, controller.tasks
+    dtype = instant.com.dtype
+    rate = controller.gains.rate.astype(dtype)
+    swing = _swing(controller, instant)
+    zero, none = jnp.zeros((), dtype), jnp.zeros(3, dtype)
+    height = jnp.asarray(gait.hlip.com_height, dtype)
+    feet = _right_and_left(instant.left, none, swing.position)
+    state = place_robot(
+        robot,
+        jnp.append(instant.com, height),
+        jnp.append(instant.com_velocity, 0.0),
+        feet,
+        _right_and_left(instant.left, none, swing.velocity),
+    )
+    terms = rigid_body_terms(robot, state.qpos, state.qvel)
+    stance = jnp.stack([~instant.left, instant.left]).astype(dtype)
+    still = Motion(zero, zero, zero)
+    reference = GaitReference(stance, swing, still, rate**2 * instant.com, height, still)
+    tasks = whole_body_tasks(controller, terms, reference)
+    carrying = stance[jnp.asarray(CONTACT_FEET)]
+    arms = jnp.zeros_like(controller.actuation.arm_pose, dtype)
+    dynamics = reduced_dynamics(terms, carrying, arms)
+    program = whole_body_program(p, controller.actuation, dynamics, tasks, carrying, terms.mass)
+    solution = solve_qp(program, None, controller.solver, "implicit")
+
+    x = solution.value.x
+    acceleration = dynamics.acceleration @ x + dynamics.acceleration_offset
+    # Not clipped as on the robot: the QP keeps the limits, and clipping would stop the derivatives there.
+    motors = controller.actuation.motors_from_torques @ (dynamics.torque @ x + dynamics.torque_offset)
+    foot = jnp.where(instant.left, 0, 1)
+    moved = terms.foot_jacobians[foot, :3] @ acceleration + terms.foot_bias_accelerations[foot, :3]
+    com = terms.com_jacobian @ acceleration + terms.com_bias_acceleration
+    legs = 2 * len(LEG_JOINTS)
+    return Answer(
+        torque_shares=(motors / controller.actuation.limits)[:legs],
+        swing_shortfall=swing.acceleration - moved,
+        com_shortfall=jnp.append(reference.com_acceleration, 0.0) - com,
+        converged=state.converged & solution.gradient_valid,
+    )
+
+
+def correction(low_level: LowLevel, footsteps: Float[Array, "m 2"], state: RobotState) -> Float[Array, "2"]:
+    """By how much [m] the walk's stepping feedback, which knows the pendulum and the legs' reach, moves a footstep."""
+    gait, gains = low_level.controller.gait, low_level.controller.gains
+    dtype = footsteps.dtype
+    places = footsteps[: gait.horizon] + state.com_from_stance
+    remaining = jnp.maximum(gait.hlip.single_support_time - state.time_in_step, 1e-3)
+    choice = choose_step(
+        gait,
+        jax.tree.map(lambda leaf: leaf.astype(dtype), gains),
+        places,
+        (state.com_from_stance, state.com_velocity),
+        jnp.zeros((2, 2), dtype),
+        jnp.zeros((), dtype),
+        -state.stance_side,
+        # The swing foot itself is left out of the choice of time: it is on its way already.
+        places[0],
+        remaining,
+    )
+    return choice.footstep - places[0]
+
+
+def _swing(controller: Controller, instant: Instant) -> Motion:
+    """Motion (3,) of the swing foot."""
+    gait = controller.gait
+    time = gait.hlip.single_support_time
+    nothing = jnp.zeros_like(instant.com)
+    level = advance_towards(
+        Motion(instant.lift_off, nothing, nothing),
+        instant.footstep,
+        jnp.asarray(time, nothing.dtype),
+        instant.phase * time,  # type: ignore[arg-type]
+    )
+    upward = rise_and_fall(
+        instant.phase,
+        jnp.asarray(1 / time, nothing.dtype),
+        jnp.zeros_like(instant.phase),
+        gait.swing_height,
+        gait.landing_speed,
+        time,
+    )
+    return jax.tree.map(jnp.append, level, upward)
+
+
+def _right_and_left(left: Bool[Array, ""], stance: Float[Array, "3"], swing: Float[Array, "3"]) -> Float[Array, "2 3"]:
+    """Values of both feet, in their order, from those of the stance and of the swing foot."""
+    return jnp.where(left, jnp.stack([swing, stance]), jnp.stack([stance, swing]))
