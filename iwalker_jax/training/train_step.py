@@ -14,6 +14,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.training.batches import Batch, gather_batch
 from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training.low_level import LowLevel, load_low_level
 from iwalker_jax.training.maps import TrainingData
 from iwalker_jax.training.objectives import batch_losses, explore, policy_losses
 from iwalker_jax.training.ppo import ActorCritic, Experience
@@ -137,12 +138,12 @@ def make_train_step(
 
 
 def _gradient_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None):
-    graph = _learner_graph(config)
+    graph, low_level = _learner_graph(config), _low_level(config)
 
     def step(state: TrainState, data: TrainingData, index: Array) -> tuple[TrainState, StepReport]:
         batch = _batch(state, data, index, config, mesh)
         params, opt_state, report = _descend(
-            state, lambda params: batch_losses(nnx.merge(graph, params), batch, config), optimiser
+            state, lambda params: batch_losses(nnx.merge(graph, params), batch, config, low_level), optimiser
         )
         return TrainState(params, opt_state, state.key, state.step + 1), report
 
@@ -151,7 +152,7 @@ def _gradient_step(config: TrainConfig, optimiser: optax.GradientTransformationE
 
 def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None):
     """Two programs, one that tries paths and one for each of the epochs: a loop within one is slower on CPUs."""
-    graph = _learner_graph(config)
+    graph, low_level = _learner_graph(config), _low_level(config)
 
     def attempt(state: TrainState, data: TrainingData, index: Array):
         batch = _batch(state, data, index, config, mesh)
@@ -161,7 +162,7 @@ def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraA
 
     def improve(state: TrainState, batch: Batch, tried: Experience) -> tuple[TrainState, StepReport]:
         params, opt_state, report = _descend(
-            state, lambda params: policy_losses(nnx.merge(graph, params), batch, tried, config), optimiser
+            state, lambda params: policy_losses(nnx.merge(graph, params), batch, tried, config, low_level), optimiser
         )
         return TrainState(params, opt_state, state.key, state.step), report
 
@@ -177,6 +178,10 @@ def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraA
         return state._replace(step=state.step + 1), report._replace(losses=said | report.losses, finite=finite)
 
     return step
+
+
+def _low_level(config: TrainConfig) -> LowLevel | None:
+    return load_low_level() if config.weights.ask_low_level else None
 
 
 def _step_key(state: TrainState) -> Array:
