@@ -108,12 +108,13 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
         frame = free_and_occupied(clean_depth(at.depth), at.mount, nav.intrinsics, DEFAULT_GRID, DEFAULT_RULES)
         memory = remember(memory_rules, s.memory, at.base, *frame)
         occupied, unknown = remembered(memory_rules, memory)
-        return signed_distance_field(occupied, memory_rules.resolution), unknown, window_origin(memory_rules, memory)
+        esdf = signed_distance_field(occupied, memory_rules.resolution)
+        return esdf, occupied, unknown, window_origin(memory_rules, memory)
 
     maps = jax.jit(jax.vmap(add_map))(state, sight)
 
-    def route(esdf: jax.Array, unknown: jax.Array, origin: jax.Array, at: Sight) -> tuple:
-        to_go = route_costs(rules, esdf, unknown, at.goal - origin)
+    def route(esdf: jax.Array, occupied: jax.Array, unknown: jax.Array, origin: jax.Array, at: Sight) -> tuple:
+        to_go = route_costs(rules, occupied, esdf, unknown, at.goal - origin)
         return best_routes(rules, to_go, unknown, at.base[:2] - origin, at.goal - origin)
 
     def ipath(at: Sight) -> jax.Array:
@@ -150,7 +151,7 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
         "map and distance field": (setting.time(add_map, state, sight), frames),
         "route on the map": (setting.time(route, *maps, sight), frames),
         "iPath": (setting.time(ipath, sight), frames),
-        "band off obstacles": (setting.time(band, maps[0], maps[2], state), frames),
+        "band off obstacles": (setting.time(band, maps[0], maps[3], state), frames),
         "iStepper and course": (setting.time(footsteps, state), nav.loop.looks * frames),
         "body clearance": (setting.time(clearance, tasks, state), nav.loop.looks * frames),
         "sensors, estimator, control": (thinking / TICKS, 500.0),

@@ -43,6 +43,7 @@ class LoopRules:
         ticks: control ticks from a look at the footsteps to the next; looks: such looks in a camera frame.
         arrival: [m] distance from which a goal counts as reached.
         patience: [s] without `progress` [m] of displacement after which the robot gives up.
+        hopeless: [s] without any way on the map after which it does.
         progress: see there.
     """
 
@@ -50,6 +51,7 @@ class LoopRules:
     looks: int = 3
     arrival: float = 0.30
     patience: float = 15.0
+    hopeless: float = 4.0
     progress: float = 0.30
 
     def __post_init__(self) -> None:
@@ -99,7 +101,7 @@ class LoopState(NamedTuple):
         memory, guidance, health: of the planner.
         goal: index of the present goal.
         outcome: `Outcome` so far.
-        anchor: (3,) x, y [m] and time [s] of the last progress.
+        anchor: (3,) x, y [m] and time [s] of the last progress; last_way: () [s] when the map last had a way.
         key: of the depth noise.
     """
 
@@ -113,6 +115,7 @@ class LoopState(NamedTuple):
     goal: Int[Array, ""]
     outcome: Int[Array, ""]
     anchor: Float[Array, "3"]
+    last_way: Float[Array, ""]
     key: Array
 
 
@@ -152,6 +155,7 @@ def start_episode(navigator: Navigator, task: TaskArrays, conditions: Conditions
         goal=none,
         outcome=none + int(Outcome.RUNNING),
         anchor=jnp.append(base[:2], 0.0),
+        last_way=jnp.zeros((), dtype),
         key=jax.random.fold_in(conditions.key, 1),
     )
 
@@ -181,8 +185,10 @@ def camera_frame(
     state = state._replace(goal=goal, memory=memory, guidance=guidance)
 
     anchor, lost = _progress(navigator.loop, state.anchor, believed, time)
+    last_way = jnp.where(guidance.way, time, state.last_way)
+    lost = lost | (time - last_way > navigator.loop.hopeless)
     wish = Wish(guidance, health.failed | arrived | lost)
-    state = state._replace(anchor=anchor)
+    state = state._replace(anchor=anchor, last_way=last_way)
     look = partial(_walk_on, navigator, scene, conditions, wish)
     state, (samples, clearances) = jax.lax.scan(look, state, None, length=navigator.loop.looks)
 

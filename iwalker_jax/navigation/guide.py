@@ -14,7 +14,7 @@ from iwalker_jax.navigation.map_memory import MapMemory, MemoryRules, remember, 
 from iwalker_jax.navigation.path_band import BAND_POINTS, BandRules, safe_path
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.collision_map import DEFAULT_RULES
-from iwalker_jax.perception.cost_to_go import cost_to_go
+from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
 from iwalker_jax.perception.depth_cleanup import clean_depth
 from iwalker_jax.perception.distance_field import signed_distance_field
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
@@ -24,6 +24,8 @@ from iwalker_jax.perception.traversal import TraversalRules, halved, pool_2x2, s
 from iwalker_jax.planning.planner import Planner
 
 PathSource = Literal["network", "guided", "route"]
+
+_AROUND = 0.3  # [m] about the robot, within which a way must begin
 
 
 @dataclass(frozen=True)
@@ -76,11 +78,13 @@ class Guidance(NamedTuple):
         path: (BAND_POINTS, 2) [m] world, evenly spaced from the robot on; a point if there is no way.
         look: (2,) [m] world, where to turn to if the path gives no direction.
         detour: () bool, the route took the place of a path of iPath's that led nowhere.
+        way: () bool, as far as was seen, a way to the goal may exist.
     """
 
     path: Float[Array, "k 2"]
     look: Float[Array, "2"]
     detour: Bool[Array, ""]
+    way: Bool[Array, ""]
 
 
 def guide(
@@ -92,18 +96,19 @@ def guide(
         planner: graph and parameters of a `Planner`.
         intrinsics: of the depth image.
     """
-    network = nnx.merge(*planner)
+    network, no = nnx.merge(*planner), jnp.asarray(False)
     if rules.source == "network" and not rules.band:
         path = network_path(network, sight, sight.goal)
-        return memory, Guidance(resample_by_arc_length(path, BAND_POINTS), sight.goal, jnp.asarray(False))
+        return memory, Guidance(resample_by_arc_length(path, BAND_POINTS), sight.goal, no, ~no)
     frame = free_and_occupied(clean_depth(sight.depth), sight.mount, intrinsics, DEFAULT_GRID, DEFAULT_RULES)
     memory = remember(rules.memory, memory, sight.base, *frame)
     origin = window_origin(rules.memory, memory)
     occupied, unknown = remembered(rules.memory, memory)
     esdf = signed_distance_field(occupied, rules.memory.resolution)
-    look = sight.goal
+    look, way = sight.goal, ~no
     if rules.source != "network":
-        to_go = route_costs(rules, esdf, unknown, sight.goal - origin)
+        to_go = route_costs(rules, occupied, esdf, unknown, sight.goal - origin)
+        way = _reachable_near(to_go, halved(rules.memory.grid), sight.base[:2] - origin)
         seen, whole = best_routes(rules, to_go, unknown, sight.base[:2] - origin, sight.goal - origin)
         seen, whole = seen + origin, whole + origin
         look = _on_route(whole, 0.5)
@@ -112,7 +117,7 @@ def guide(
     else:
         path = network_path(network, sight, sight.goal if rules.source == "network" else _on_route(whole, rules.ahead))
     if not rules.band:
-        return memory, Guidance(resample_by_arc_length(path, BAND_POINTS), look, jnp.asarray(False))
+        return memory, Guidance(resample_by_arc_length(path, BAND_POINTS), look, no, way)
     band, detour = safe_path(rules.band_rules, path - origin, esdf, rules.memory.grid)
     if rules.source == "guided":
         # Where iPath sees no way that leads on, the route, likewise drawn off the obstacles, does.
@@ -120,7 +125,7 @@ def guide(
         detour = detour | (start - end < rules.headway * jnp.minimum(start, rules.ahead))
         other, _ = safe_path(rules.band_rules, seen - origin, esdf, rules.memory.grid)
         band = jnp.where(detour, other, band)
-    return memory, Guidance(resample_by_arc_length(band + origin, BAND_POINTS), look, detour)
+    return memory, Guidance(resample_by_arc_length(band + origin, BAND_POINTS), look, detour, way)
 
 
 def network_path(network: Planner, sight: Sight, goal: Float[Array, "2"]) -> Float[Array, "n 2"]:
@@ -130,11 +135,22 @@ def network_path(network: Planner, sight: Sight, goal: Float[Array, "2"]) -> Flo
 
 
 def route_costs(
-    rules: GuideRules, esdf: Float[Array, "n n"], unknown: Bool[Array, "n n"], goal: Float[Array, "2"]
+    rules: GuideRules,
+    occupied: Bool[Array, "n n"],
+    esdf: Float[Array, "n n"],
+    unknown: Bool[Array, "n n"],
+    goal: Float[Array, "2"],
 ) -> Float[Array, "half half"]:
-    """Cost of the cheapest route to the goal from every cell of the window, halved."""
+    """Cost of the cheapest route to the goal from every cell of the window, halved; through no occupied cell."""
     cost = traversal_cost(pool_2x2(esdf), _unseen(unknown, esdf), rules.traversal)
+    cost = jnp.where(pool_2x2(occupied.astype(esdf.dtype)) > 0, jnp.inf, cost)
     return cost_to_go(cost, goal, halved(rules.memory.grid)).value.cost
+
+
+def _reachable_near(to_go: Float[Array, "half half"], grid: GridSpec, point: Float[Array, "2"]) -> Bool[Array, ""]:
+    """Whether a way leads on from some cell within a body's width of a point, noise in its own cell or not."""
+    near = jnp.sum((grid.centres() - point) ** 2, axis=-1) < _AROUND**2
+    return jnp.any(near & (to_go < UNREACHABLE))
 
 
 def _unseen(unknown: Bool[Array, "n n"], esdf: Float[Array, "n n"]) -> Float[Array, "half half"]:
@@ -166,4 +182,4 @@ def _on_route(route: Float[Array, "points 2"], distance: float) -> Float[Array, 
 
 def blank_guidance(base: Float[Array, "3"], goal: Float[Array, "2"]) -> Guidance:
     """Guidance before the first image: stay."""
-    return Guidance(jnp.broadcast_to(base[:2], (BAND_POINTS, 2)), goal, jnp.asarray(False))
+    return Guidance(jnp.broadcast_to(base[:2], (BAND_POINTS, 2)), goal, jnp.asarray(False), jnp.asarray(True))
