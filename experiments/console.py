@@ -4,10 +4,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import NoReturn, Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from iwalker_jax.processes import ProcessGroup, is_first, join, leave
 
 console = Console(highlight=False)
 
@@ -38,15 +40,21 @@ def progress_bar(title: str, total: int) -> Iterator[Advance]:
         yield advance
 
 
+def come_together(group: ProcessGroup) -> None:
+    """Join the group; process 0 speaks for all."""
+    join(group)
+    console.quiet = not is_first()
+
+
 def say(sentence: str) -> None:
     """Print a sentence without interpreting brackets as markup."""
     console.print(sentence, markup=False, soft_wrap=True)
 
 
-def exit_with(error: Exception) -> None:
+def exit_with(error: Exception) -> NoReturn:
     """Leave with the error's sentence and status 1, without a traceback."""
     print(f"error: {error}", file=sys.stderr)
-    raise SystemExit(1) from error
+    leave(1)
 
 
 def config_file(run: Path) -> Path:

@@ -14,12 +14,12 @@ import platform
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import jax
 import tyro
 
-from experiments.console import Advance, console, exit_with, progress_bar, say
+from experiments.console import Advance, come_together, console, exit_with, progress_bar, say
 from experiments.planner import planner_of
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.navigation_film import FilmSettings
@@ -33,6 +33,7 @@ from iwalker_jax.evaluation.tables import Table, legend
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.planning.planner import Planner
+from iwalker_jax.processes import ProcessGroup, is_first, leave, part
 from iwalker_jax.simulation.test_scenes import TEST_NAMES
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.recording_frames import frames_from_recording
@@ -59,9 +60,10 @@ class Command:
         depth: noisy or ideal depth images.
         state: what the robot knows of its own state: estimated from noisy sensors, or true.
         width: episodes walked at a time.
-        devices: number of devices, all by default; on a CPU that many are made of its cores.
+        devices: number of devices of each process, all by default; on a CPU that many are made of its cores.
         videos: film the first policy on the first walk of every set.
         seed: of walks, noise and robot states.
+        group: several processes that walk their shares of the batches and log them in one folder.
     """
 
     run: Path | None = None
@@ -80,18 +82,23 @@ class Command:
     devices: int | None = None
     videos: bool = True
     seed: int = 0
+    group: Annotated[ProcessGroup, tyro.conf.arg(name="")] = ProcessGroup()
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
     try:
+        come_together(command.group)
         planner, config, name = planner_of(command.run, command.checkpoint)
         # Wrong names are said before an hour of work.
         settings = study_settings(command, name)
         out = command.out or (command.run or Path("runs/pretrained")) / "evaluation"
-        frames = evaluate_frames(command, planner, config, out)
+        frames = evaluate_frames(command, planner, config, out) if is_first() else None
         study = Study() if settings is None else evaluate_walks(command, settings, planner, out)
+        part()
+        if not is_first():
+            return 0
         page = write_report(out, Report(f"Evaluation of {name}", described(command, name), machine(), study, frames))
     except (InputError, CheckpointError, OSError) as error:
         exit_with(error)
@@ -149,8 +156,9 @@ def evaluate_walks(command: Command, settings: StudySettings, planner: Planner, 
 
         study = run_study(settings, program_maker(command, planner), out, film, show, say)
     console.print()
-    say(navigation_table(study.groups).text())
-    say(legend(COLUMNS))
+    if study.groups:
+        say(navigation_table(study.groups).text())
+        say(legend(COLUMNS))
     return study
 
 
@@ -191,4 +199,4 @@ def machine() -> str:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    leave(main())

@@ -9,6 +9,7 @@ if __name__ == "__main__":
 
 import dataclasses
 import json
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,12 +17,13 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.console import config_file, console, exit_with, progress_bar, say
+from experiments.console import come_together, config_file, console, exit_with, progress_bar, say
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.report import evaluate_all, standard_sequences
 from iwalker_jax.evaluation.sequences import Sequence
 from iwalker_jax.evaluation.tables import legend
 from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.processes import ProcessGroup, is_first, leave, part
 from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.config import PRESETS, TrainConfig, config_to_dict
 from iwalker_jax.training.datasets import load_training_frames
@@ -41,9 +43,10 @@ class Command:
         out: folder for checkpoints, metrics, tables and pictures; an existing run in it is resumed.
         fresh: start anew even if the folder holds a run, whose checkpoints are removed.
         start_from: folder of another run whose trained networks this one starts from (fine-tuning).
-        devices: number of devices to spread each batch over; on a CPU that many are made of its cores.
+        devices: number of devices of each process to spread a batch over; on a CPU that many are made of its cores.
         tensorboard: also write TensorBoard events.
         unseen_scenes: held-out scenes of the final evaluation; 0 leaves them out.
+        group: several processes that train one planner together.
         config: the training configuration.
     """
 
@@ -55,6 +58,7 @@ class Command:
     devices: int = 1
     tensorboard: bool = False
     unseen_scenes: int = 60
+    group: Annotated[ProcessGroup, tyro.conf.arg(name="")] = ProcessGroup()
     config: Annotated[TrainConfig, tyro.conf.arg(name="")] = TrainConfig()
 
 
@@ -118,16 +122,31 @@ def run_training(command: Command, data: TrainingData) -> TrainResult:
         )
 
 
+def help_training(command: Command) -> int:
+    """What processes other than 0 do: the same steps, of which they keep nothing; returns the exit status."""
+    with tempfile.TemporaryDirectory() as scratch:
+        command = dataclasses.replace(command, out=Path(scratch), tensorboard=False)
+        result = run_training(command, prepare_data(command.config))
+    if result.interrupted:
+        return 130
+    part()
+    return 0
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     began = time.perf_counter()
     try:
         command = parse(sys.argv[1:] if arguments is None else arguments)
+        come_together(command.group)
+        if not is_first():
+            return help_training(command)
         command.out.mkdir(parents=True, exist_ok=True)
         data = prepare_data(command.config)
         result = run_training(command, data)
         if result.interrupted:
             return 130
+        part()
         config_file(command.out).write_text(json.dumps(config_to_dict(command.config), indent=2) + "\n")
         planner = planner_from(command.config, result.state.params)
         save_planner(command.out / "planner.npz", planner, command.config)
@@ -149,4 +168,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    leave(main())

@@ -57,6 +57,21 @@ def append_episodes(file: Path, rows: Sequence[tuple[EpisodeKey, str, EpisodeMet
         raise InputError(f"{file} cannot be written ({error.strerror}); choose another folder.") from error
 
 
+def log_file(folder: Path, process: int) -> Path:
+    """Where a process logs: each has a file of its own, because folders that machines share do not append safely."""
+    return folder / ("episodes.csv" if process == 0 else f"episodes-{process}.csv")
+
+
+def load_logs(folder: Path) -> dict[EpisodeKey, EpisodeMetrics]:
+    """The episodes that any process logged in a folder.
+
+    Raises:
+        InputError: a file with other columns.
+    """
+    files = [log_file(folder, 0), *sorted(folder.glob("episodes-[0-9]*.csv"))]
+    return {key: metrics for file in files for key, metrics in load_episodes(file).items()}
+
+
 def load_episodes(file: Path) -> dict[EpisodeKey, EpisodeMetrics]:
     """The episodes of such a file; none if there is no file. A line cut short by a crash is passed over.
 

@@ -7,14 +7,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+import jax
+
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.episode_log import EpisodeKey, append_episodes, load_episodes
+from iwalker_jax.evaluation.episode_log import EpisodeKey, append_episodes, load_logs, log_file
 from iwalker_jax.evaluation.navigation_film import FilmSettings, write_film
 from iwalker_jax.evaluation.navigation_metrics import EpisodeMetrics, episode_metrics, row_of, shortest_route
 from iwalker_jax.evaluation.navigation_tables import navigation_table
 from iwalker_jax.evaluation.navigation_traces import draw_sheets, save_traces, traces_file
 from iwalker_jax.evaluation.navigation_walks import SEEDS_APART, StudySettings, Walk, key_of, walks_of
 from iwalker_jax.navigation.task import EpisodeRecord, Task
+from iwalker_jax.processes import is_first, part
 
 Groups = dict[tuple[str, str], list[EpisodeMetrics]]
 
@@ -91,7 +94,9 @@ def run_study(
 ) -> Study:
     """Walk everything that the folder's log does not hold yet, and write log, tables, sheets and films.
 
-    After every batch the log episodes.csv has grown and the tables navigation.md and .csv are new.
+    After every batch the log episodes.csv has grown and the tables navigation.md and .csv are new. Of several
+    processes each walks its share and logs it in a file of its own; they part at the end, and process 0 goes on alone
+    to draw what all have walked.
 
     Args:
         settings: what is walked.
@@ -102,17 +107,20 @@ def run_study(
         say: hears of what is worth a sentence.
 
     Raises:
-        InputError: a log of another version, or files that cannot be written.
+        InputError: a log of another version, files that cannot be written, or a process whose share is missing.
     """
     study = Study()
     with study.timed("making tasks"):
         walks = walks_of(settings)
-    log = folder / "episodes.csv"
-    known = load_episodes(log)
+    process, processes = jax.process_index(), jax.process_count()
+    log = log_file(folder, process)
+    known = load_logs(folder)
     batches = [(policy, k) for policy in settings.policies for k in range(0, len(walks), settings.width)]
+    # Shares of all batches, not of those left: the logs grow while other processes start.
+    batches = batches[process::processes]
     todo = [(p, k) for p, k in batches if not _finished(settings, p, walks[k : k + settings.width], known)]
     if len(todo) < len(batches):
-        say(f"{len(batches) - len(todo)} of {len(batches)} batches are in {log} already.")
+        say(f"{len(batches) - len(todo)} of {len(batches)} batches are in {folder} already.")
     done, total = 0, sum(len(walks[k : k + settings.width]) for _, k in todo)
     shortest: dict[int, float] = {}
     program: Program | None = None
@@ -140,10 +148,19 @@ def run_study(
                 rows.append((key_of(settings, policy, walk), walk.task.name, metrics))
             save_traces(traces_file(folder, settings, policy, first), record)
             append_episodes(log, rows)
-            known |= {key: metrics for key, _, metrics in rows}
-            navigation_table(grouped(settings, walks, known)).save(folder, "navigation")
+            if is_first():
+                navigation_table(grouped(settings, walks, load_logs(folder))).save(folder, "navigation")
         done += len(batch)
         on_progress(Progress(done, total, policy, 0))
+    part()
+    if not is_first():
+        return study
+    known = load_logs(folder)
+    missing = [policy for policy in settings.policies if not _finished(settings, policy, walks, known)]
+    if missing:
+        raise InputError(
+            f"{folder} lacks walks of {', '.join(missing)}; give all processes this same folder and the same options."
+        )
     study.groups = grouped(settings, walks, known)
     with study.timed("figures, tables and sheets"):
         navigation_table(study.groups).save(folder, "navigation")

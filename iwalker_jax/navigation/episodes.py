@@ -37,14 +37,14 @@ class EpisodeProgram:
         Args:
             navigator: who walks.
             width: episodes at a time; rounded up to a multiple of the devices.
-            devices: number of devices, all by default.
+            devices: number of this process's devices, all by default.
             images: record depth and map of every frame.
             disturbances: from which each robot's friction, mass and start are drawn.
         """
-        present = jax.devices()
+        present = jax.local_devices()
         count = len(present) if devices is None else devices
         if not 1 <= count <= len(present):
-            raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.devices().")
+            raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.local_devices().")
         if width < 1:
             raise InputError(f"Groups of {width} episodes were asked for; give at least 1.")
         self.width = -(-width // count) * count

@@ -78,14 +78,14 @@ class WalkProgram:
         Args:
             width: robots of a group, at most `LARGEST_GROUP`; rounded up to a multiple of the devices.
             rows: of the footstep plans.
-            devices: number of devices, all by default.
+            devices: number of this process's devices, all by default.
             chunk: [s] of simulated time in one call.
             every: ticks between two records.
         """
-        present = jax.devices()
+        present = jax.local_devices()
         count = len(present) if devices is None else devices
         if not 1 <= count <= len(present):
-            raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.devices().")
+            raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.local_devices().")
         if width < 1 or rows < 2:
             raise InputError(f"Groups of {width} robots and plans of {rows} rows; give at least 1 and 2.")
         self.walker, self.rows, self.every = walker, rows, every
@@ -135,7 +135,9 @@ class WalkProgram:
                     row = g * self.width + int(k)
                     if row < robots and row not in broken:
                         # Away from the mesh, so that it can be walked again on one device.
-                        own = jax.device_put(_take((group.conditions, group.plan, start), int(k)), jax.devices()[0])
+                        own = jax.device_put(
+                            _take((group.conditions, group.plan, start), int(k)), jax.local_devices()[0]
+                        )
                         met, steps, before = own
                         broken[row] = BrokenRow(row, met, steps, before, self.samples * self.every)
             record = jax.tree.map(lambda *parts: np.concatenate(parts)[:robots], *pieces)

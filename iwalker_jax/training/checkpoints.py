@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 import orbax.checkpoint as ocp
+from jax.sharding import SingleDeviceSharding
 
 from iwalker_jax.errors import CheckpointError
 from iwalker_jax.training.config import TrainConfig, config_from_dict, config_to_dict
@@ -21,14 +22,22 @@ class CheckpointStore:
 
     A checkpoint appears under its step number only once it is complete, so an interrupted write leaves the earlier
     ones intact. Leaves are stored by name: a checkpoint of another network size is refused with the differing names.
+    Of several processes any may read, and process 0 writes, without waiting for the others.
     """
 
     def __init__(self, folder: Path, keep: int = 2):
         self.folder = Path(folder).absolute()
         # Orbax logs every save; what a user must know is said by this class.
         logging.getLogger("absl").setLevel(logging.ERROR)
-        options = ocp.CheckpointManagerOptions(max_to_keep=keep, create=True, enable_async_checkpointing=False)
+        process = jax.process_index()
+        alone = ocp.options.MultiprocessingOptions(
+            primary_host=process, active_processes={process}, barrier_sync_key_prefix=f"process_{process}"
+        )
+        options = ocp.CheckpointManagerOptions(
+            max_to_keep=keep, create=False, enable_async_checkpointing=False, multiprocessing_options=alone
+        )
         try:
+            self.folder.mkdir(parents=True, exist_ok=True)
             self._manager = ocp.CheckpointManager(self.folder, options=options)
         except OSError as error:
             raise CheckpointError(
@@ -48,7 +57,7 @@ class CheckpointStore:
         step = int(state.step)
         meta = {"config": config_to_dict(config), "frames": frames, "step": step}
         arguments = ocp.args.Composite(
-            **{_LEAVES: ocp.args.StandardSave(_named_leaves(state)), _META: ocp.args.JsonSave(meta)}
+            **{_LEAVES: ocp.args.StandardSave(jax.device_get(_named_leaves(state))), _META: ocp.args.JsonSave(meta)}
         )
         try:
             self._manager.save(step, args=arguments, force=True)
@@ -76,7 +85,11 @@ class CheckpointStore:
             frames = int(meta["frames"])
             optimiser = make_optimiser(config, config.total_steps(frames))
             template = jax.eval_shape(lambda: initial_state(config, optimiser))
-            wanted = {name: jax.ShapeDtypeStruct(x.shape, x.dtype) for name, x in _named_leaves(template).items()}
+            here = SingleDeviceSharding(jax.local_devices()[0])
+            wanted = {
+                name: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=here)
+                for name, x in _named_leaves(template).items()
+            }
             restored = self._manager.restore(
                 step, args=ocp.args.Composite(**{_LEAVES: ocp.args.StandardRestore(wanted)})
             )[_LEAVES]

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.planning.planner import Planner
+from iwalker_jax.processes import is_first, place, shared
 from iwalker_jax.training.batches import frame_order
 from iwalker_jax.training.checkpoints import CheckpointStore
 from iwalker_jax.training.config import TrainConfig
@@ -50,16 +50,17 @@ class TrainResult:
 
 
 def batch_mesh(devices: int | None = None) -> Mesh | None:
-    """Mesh over the first `devices` devices (all by default) for data parallelism; None for a single one.
+    """Mesh over the first `devices` devices (all by default) of every process; None for a single one in all.
 
     Raises:
         InputError: if fewer devices are present.
     """
-    present = jax.devices()
+    present = jax.local_devices()
     count = len(present) if devices is None else devices
     if not 1 <= count <= len(present):
-        raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.devices().")
-    return None if count == 1 else Mesh(np.array(present[:count]), ("batch",))
+        raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.local_devices().")
+    chosen = [device for k in range(jax.process_count()) for device in jax.local_devices(process_index=k)[:count]]
+    return None if len(chosen) == 1 else Mesh(np.array(chosen), ("batch",))
 
 
 def train(
@@ -77,9 +78,11 @@ def train(
 ) -> TrainResult:
     """Train a planner; checkpoints and metrics go to `folder`.
 
+    Several processes train one planner together; each has a folder of its own, and process 0's holds the checkpoints.
+
     Args:
         config: of the run. A resumed run must have the configuration it began with.
-        data: frames and maps.
+        data: frames and maps; the same in every process.
         folder: of the run.
         resume: continue from the newest readable checkpoint in the folder, if there is one; otherwise remove them.
         start_from: planner to start from instead of a fresh initialisation (fine-tuning).
@@ -91,6 +94,7 @@ def train(
 
     Raises:
         CheckpointError: if the folder's checkpoints cannot be read, or belong to another configuration.
+        InputError: if other processes have other data.
         FloatingPointError: after `MAX_BROKEN_STEPS` consecutive steps without a finite gradient.
     """
     frames = data.depth.shape[0]
@@ -99,17 +103,21 @@ def train(
     store = CheckpointStore(folder / "checkpoints", config.keep_checkpoints)
     if not resume:
         store.delete_after(-1)
-    state = _restored(store, config, frames, say) if resume else None
+    state = _restored(store, config, frames, say) if resume and is_first() else None
     if state is None:
         state = initial_state(config, optimiser)
         if start_from is not None:
             params = with_planner(config, state.params, start_from)
             state = state._replace(params=params, opt_state=optimiser.init(params))
-    elif int(state.step) < total:
-        say(f"Resuming at step {int(state.step)} of {total}.")
-    # The step donates its state: never hand it the caller's own arrays.
-    state = jax.tree.map(jnp.array, state)
+    state, theirs = shared((state, np.int32(frames)))
+    if frames != theirs:
+        raise InputError(f"This process has {frames} frames and process 0 has {theirs}; give all the same data.")
     first = int(state.step)
+    if 0 < first < total:
+        say(f"Resuming at step {first} of {total}.")
+    # The step donates its state: never hand it the caller's own arrays.
+    state = place(state, mesh)
+    data = place(data, mesh)
     log = MetricsLog(folder, first, tensorboard)
     step_function = make_train_step(config, optimiser, mesh)
     last = min(total, total if stop_after is None else stop_after)
@@ -120,7 +128,7 @@ def train(
     try:
         for step in range(first, last):
             index = frame_order(config.seed, frames, config.batch_size, step)
-            state, report = step_function(state, data, jnp.asarray(index))
+            state, report = step_function(state, data, place(index, mesh, "batch"))
             losses = _as_floats(report)
             done = step + 1
             if report.finite:
@@ -153,7 +161,8 @@ def train(
     if interrupted:
         say(f"Interrupted after step {done}; the same command resumes from checkpoint {store.steps()[-1:]}.")
     store.close()
-    return TrainResult(state, interrupted, unsaved)
+    # Whole on one device, so that this process can use it alone.
+    return TrainResult(place(state, None) if alive else state, interrupted, unsaved)
 
 
 def _restored(
@@ -175,9 +184,10 @@ def _restored(
 def _save(
     store: CheckpointStore, state: TrainState, config: TrainConfig, frames: int, say: Callable[[str], None]
 ) -> str | None:
-    """Save; a failure is said and training goes on, because the next attempt may succeed."""
+    """Save in process 0; a failure is said and training goes on, because the next attempt may succeed."""
     try:
-        store.save(state, config, frames)
+        if is_first():
+            store.save(state, config, frames)
     except CheckpointError as error:
         say(str(error))
         return str(error)

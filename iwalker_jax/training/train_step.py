@@ -167,7 +167,7 @@ def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraA
         return TrainState(params, opt_state, state.key, state.step), report
 
     attempt_jit = jax.jit(attempt, **_placement(mesh, outputs=False))
-    improve_jit = jax.jit(improve, donate_argnums=0)
+    improve_jit = jax.jit(improve, donate_argnums=0, **_placement(mesh, inputs=False))
 
     def step(state: TrainState, data: TrainingData, index: Array) -> tuple[TrainState, StepReport]:
         batch, tried, said = attempt_jit(state, data, index)
@@ -195,12 +195,13 @@ def _batch(state: TrainState, data: TrainingData, index: Array, config: TrainCon
     return jax.lax.with_sharding_constraint(batch, NamedSharding(mesh, PartitionSpec("batch")))
 
 
-def _placement(mesh: Mesh | None, outputs: bool = True) -> dict[str, Any]:
-    """Keywords of `jax.jit` that replicate state and data and split the frame indices over the mesh."""
+def _placement(mesh: Mesh | None, inputs: bool = True, outputs: bool = True) -> dict[str, Any]:
+    """Keywords of `jax.jit` that replicate state, data and results and split the frame indices over the mesh."""
     if mesh is None:
         return {}
     everywhere, split = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec("batch"))
-    return {"in_shardings": (everywhere, everywhere, split)} | ({"out_shardings": everywhere} if outputs else {})
+    placed = {"in_shardings": (everywhere, everywhere, split)} if inputs else {}
+    return placed | ({"out_shardings": everywhere} if outputs else {})
 
 
 def _descend(
