@@ -21,6 +21,9 @@ from iwalker_jax.simulation.scene import SceneArrays
 AHEAD = 0.5
 """[m] along a planned path from its start to where its shaking is measured."""
 
+_MOVED = 5e-3
+"""[m] by which a foot that has just landed was elsewhere in the two frames before."""
+
 
 class EpisodeMetrics(NamedTuple):
     """Figures of one episode; NaN where one does not apply.
@@ -161,6 +164,23 @@ def path_shaking(paths: Float[np.ndarray, "n p 2"]) -> float:
         if place < 1.0:
             distances.append(distance)
     return float(np.mean(distances)) if distances else float("nan")
+
+
+def landing_errors(episode: EpisodeRecord) -> Float[np.ndarray, " n"]:
+    """[m] from the planned to the true place of every footstep of an episode, as from `row_of`.
+
+    A walking robot plans anew when a foot lands, so a new plan says that the last one's first footstep was taken, by
+    the foot that is nearest; a standing robot plans anew as well, but its feet have not moved.
+    """
+    aims, feet = np.asarray(episode.footsteps, np.float64)[:, 0], np.asarray(episode.feet, np.float64)
+    errors = []
+    for k in range(1, len(aims) - 1):
+        gaps = np.linalg.norm(feet[k + 1, :, :2] - aims[k], axis=1)
+        foot = int(np.argmin(gaps))
+        moved = np.linalg.norm(feet[k - 1 : k + 1, foot] - feet[k + 1, foot], axis=1).max()
+        if not np.array_equal(aims[k], aims[k + 1]) and moved > _MOVED and np.isfinite(gaps).all():
+            errors.append(gaps[foot])
+    return np.array(errors)
 
 
 def _point_along(path: Float[np.ndarray, "p 2"], distance: float) -> Float[np.ndarray, " 2"] | None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from iwalker_jax.evaluation.intervals import wilson_interval
+from iwalker_jax.evaluation.intervals import mean_interval, wilson_interval
 
 
 @pytest.mark.parametrize(("hits", "n"), [(0, 10), (10, 10), (7, 10), (93, 100), (1, 3)])
@@ -16,3 +16,11 @@ def test_wilson_interval(hits, n):
 
 def test_wilson_interval_of_nothing():
     assert np.isnan(wilson_interval([])).all()
+
+
+def test_mean_interval():
+    """Oracle: SciPy's normal distribution; one value has no spread."""
+    values = np.random.default_rng(0).normal(3, 2, 30)
+    expected = stats.norm.interval(0.95, np.mean(values), stats.sem(values))
+    assert mean_interval(values) == pytest.approx(expected, abs=1e-9)
+    assert np.isnan(mean_interval([1.0])).all()

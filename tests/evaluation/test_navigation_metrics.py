@@ -9,6 +9,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.navigation_metrics import (
     batch_metrics,
     episode_metrics,
+    landing_errors,
     path_shaking,
     row_of,
     shortest_route,
@@ -95,3 +96,17 @@ def test_shaking_is_the_lateral_change_of_new_paths():
     assert path_shaking(paths[::2]) == pytest.approx(0.0, abs=1e-9)
     assert np.isnan(path_shaking(np.repeat(paths[:1], 5, axis=0)))
     assert np.isnan(path_shaking(0.2 * paths))
+
+
+def test_landing_errors_are_those_of_feet_that_have_just_landed():
+    """By hand: the right foot lands 3 cm off, then the left one 1 cm; a new plan of a standing robot does not count."""
+    right, left = [0.0, -0.05, 0.0], [0.0, 0.05, 0.0]
+    swinging, landed = [0.04, -0.05, 0.02], [0.08, -0.02, 0.0]
+    feet = [(right, left), (swinging, left), (landed, left), (landed, [0.1, 0.05, 0.02]), (landed, [0.15, 0.05, 0.0])]
+    feet = [(right, left)] * 4 + feet + [feet[-1]] * 4
+    aims = [[0.08, -0.05]] * 6 + [[0.16, 0.05]] * 2 + [[0.2, -0.05]] * 5
+    aims[1] = aims[2] = [0.0, -0.06]
+    record = row_of(make_record(seconds=12 / 15), 0)
+    steps = np.repeat(np.array(aims)[:, None], 2, axis=1)
+    episode = record._replace(footsteps=steps, feet=np.array(feet))
+    np.testing.assert_allclose(landing_errors(episode), [0.03, 0.01], atol=1e-12)

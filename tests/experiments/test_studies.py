@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from experiments import ablation, compare
+from experiments import ablation, compare, low_level
 from iwalker_jax.training.config import TrainConfig
 
 DEFAULT = TrainConfig(epochs=8)
@@ -45,3 +45,23 @@ def test_ablations_change_one_thing():
         assert len(changed) == 1, label
     assert not rows["apart"].weights.step_to_path
     assert rows["published-map"].weights.published_collision > 0 == rows["published-map"].weights.step_collision
+
+
+def test_the_low_level_study_changes_its_terms_alone():
+    rows = low_level.variants(low_level.Command(epochs=8))
+    assert rows.pop("without") == DEFAULT and not DEFAULT.weights.ask_low_level
+    for config in rows.values():
+        assert config.weights.ask_low_level
+        silent = dataclasses.replace(config.weights, torque_margin=0.0, shortfall=0.0, placement=0.0)
+        assert dataclasses.replace(config, weights=silent) == DEFAULT
+    assert rows["qp"] == dataclasses.replace(
+        rows["all"], weights=dataclasses.replace(rows["all"].weights, placement=0.0)
+    )
+
+
+def test_differences_are_paired_by_task():
+    """By hand: +2 and +4, and a task that has no value does not count."""
+    column = low_level.COLUMNS[0]
+    first, second = ([{column.title: value} for value in values] for values in ((1, 2, float("nan")), (3, 6, 1)))
+    assert low_level.difference(first, second, column) == "+3.00 [+1.04, +4.96] (2)"
+    assert low_level.difference(first[:1], second[:1], column) == "-"
