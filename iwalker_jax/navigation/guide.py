@@ -38,7 +38,7 @@ class GuideRules:
         ahead: [m] along the route to the way point that iPath gets.
         headway: share of the cost to that point that iPath's path must take off the cost-to-go; else the route is used.
         band: whether the path is drawn off the remembered obstacles and cut before a collision.
-        memory, band_rules, traversal: their numbers.
+        memory, band_rules, traversal: their numbers; routes keep the gait's sway off obstacles as well as the body.
     """
 
     source: PathSource = "guided"
@@ -47,7 +47,7 @@ class GuideRules:
     band: bool = True
     memory: MemoryRules = MemoryRules()
     band_rules: BandRules = BandRules()
-    traversal: TraversalRules = TraversalRules()
+    traversal: TraversalRules = TraversalRules(body_radius=0.20)
 
     def __post_init__(self) -> None:
         if self.source not in get_args(PathSource):

@@ -29,7 +29,7 @@ class PursuitRules:
         facing: [rad] angle to the point to look at below which the robot need not turn.
     """
 
-    lookahead: float = 0.30
+    lookahead: float = 0.24
     turn: float = 0.20
     on_the_spot: float = 0.7
     short: float = 0.06
