@@ -197,7 +197,7 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
     stance = Stance(jnp.zeros(2), jnp.zeros(2), jnp.asarray([0.0, 0.05]), zero, zero < 1, zero)
     graph, params = nnx.split(planner, nnx.Param)
     step = jax.jit(lambda p, x: plan_steps(navigator.pursuit, nnx.merge(graph, p).istepper, x, x[-1], stance).positions)
-    published = IPathConfig(variant="paper", trunk_width=64, goal_is_end=True)
+    published = IPathConfig(variant="paper", trunk_width=64, goal_is_end=True, even=False)
     large = dataclasses.replace(published, height=360, width=640)
     rates = {
         "iPath (default)": ipath_rate(planner),
