@@ -19,14 +19,7 @@ WALLS = np.array(
     [[2.0, 2.1, 0.6, 2.6, 0.1, 0.6, 0], [2.0, -2.1, 0.6, 2.6, 0.1, 0.6, 0], [4.6, 0, 0.6, 0.1, 2.0, 0.6, 0]], float
 )
 PILLAR = np.array([[1.8, 0.1, 0.6, 0.2, 0.6]])
-CELL = np.array(
-    [
-        [3.0, 0.6, 0.5, 0.7, 0.05, 0.5, 0],
-        [3.0, -0.6, 0.5, 0.7, 0.05, 0.5, 0],
-        [2.3, 0.0, 0.5, 0.05, 0.6, 0.5, 0],
-        [3.7, 0.0, 0.5, 0.05, 0.6, 0.5, 0],
-    ]
-)
+BARRIER = np.array([[2.6, 0.0, 0.6, 0.1, 2.1, 0.6, 0.0]])
 BOUNDS = (-1.0, -2.5, 5.0, 2.5)
 GOAL = np.array([[3.4, 0.0]])
 
@@ -42,9 +35,9 @@ EPISODES = {
     "odometry": (task("odometry"), make_faults(odometry=(5.0, 6.0))),
     "moved": (
         task("moved", cylinders=np.zeros((0, 5))),
-        make_faults(box=(2.2, 0.0, 0.4, 0.15, 0.5, 0.4, 0.0), present=(4.0, 1e6)),
+        make_faults(box=(1.9, 0.0, 0.4, 0.15, 0.3, 0.4, 0.0), present=(3.0, 1e6)),
     ),
-    "unreachable": (task("unreachable", np.concatenate([WALLS, CELL]), np.zeros((0, 5))), make_faults()),
+    "unreachable": (task("unreachable", np.concatenate([WALLS, BARRIER]), np.zeros((0, 5))), make_faults()),
 }
 
 
