@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.simulation import furniture as f
+from iwalker_jax.simulation.designed import designed_layout, furnish
 from iwalker_jax.simulation.layout import Furniture, Layout, Place
-from iwalker_jax.simulation.oblique import HELD_OUT_STYLE, bent_passage, enclose_polygon
+from iwalker_jax.simulation.oblique import bent_passage, enclose_polygon
 from iwalker_jax.simulation.rooms import seat_around
 from iwalker_jax.simulation.scene import Scene
 
@@ -58,17 +59,6 @@ def demonstration_scene(name: str, rng: np.random.Generator) -> DemonstrationSce
     layout, start, goals = _DESIGNS[name](_Jitter(rng, 0.08, math.radians(15)))
     start = _Jitter(rng, 0.05, math.radians(5))(start.x, start.y, start.yaw)
     return DemonstrationScene(layout.scene(f"demonstration-{name}", f"demonstration_{name}"), start, np.asarray(goals))
-
-
-def _layout(seed: int, bounds: tuple[float, float, float, float]) -> Layout:
-    # Furniture draws its small dimensions; the fixed seed makes them constants of the design.
-    style = replace(HELD_OUT_STYLE, open_doors=0.0)
-    return Layout(np.random.default_rng([31_415, seed]), style, bounds)
-
-
-def _furnish(layout: Layout, pieces: list[tuple[Furniture, Place]]) -> None:
-    for furniture, place in pieces:
-        furniture.build(layout, place)
 
 
 def _drum(radius: float, height: float) -> Furniture:
@@ -145,7 +135,7 @@ def _plant(height: float) -> Furniture:
 
 def _factory(jitter: _Jitter) -> _Design:
     """A hall between pillars: drums to weave through, a line of racks with one narrow gap, machines behind it."""
-    layout = _layout(0, (0.0, 0.0, 9.0, 6.6))
+    layout = designed_layout((31_415, 0), (0.0, 0.0, 9.0, 6.6))
     corners = [(0.0, 0.0), (9.0, 0.0), (9.0, 5.0), (7.6, 6.6), (0.0, 6.6)]
     enclose_polygon(layout, corners, {4: ((3.6, 1.1),), 0: ((7.4, 1.0),)})
     round_pillar = Furniture(0.4, 0.4, lambda out, at: out.cylinder(at, 0.2, 0.0, out.ceiling))
@@ -154,7 +144,7 @@ def _factory(jitter: _Jitter) -> _Design:
             round_pillar.build(layout, Place(x, y))
     # The line across the hall; between the two drums in it remains a gap of 0.66 m.
     gap = 2.95
-    _furnish(
+    furnish(
         layout,
         [
             (f.rack(layout, 2.1, 0.8), Place(4.4, 1.07)),
@@ -167,7 +157,7 @@ def _factory(jitter: _Jitter) -> _Design:
             (f.cabinet(layout, 1.0, 0.45, 1.9), Place(6.2, 0.24, math.pi / 2)),
         ],
     )
-    _furnish(
+    furnish(
         layout,
         [
             (_drum(0.27, 0.85), jitter(1.7, 1.9)),
@@ -192,7 +182,7 @@ _CORRIDOR_WIDTH = 1.4
 
 def _corridor(jitter: _Jitter) -> _Design:
     """A corridor that turns left, right, right and left again, with things along its walls."""
-    layout = _layout(1, (0.0, 0.0, 8.8, 4.0))
+    layout = designed_layout((31_415, 1), (0.0, 0.0, 8.8, 4.0))
     legs = ((2.2, 0.0), (2.3, 62.0), (2.3, 2.0), (2.1, -58.0), (2.2, 4.0))
     line = [(0.0, 1.0)]
     for length, degrees in legs:
@@ -200,7 +190,7 @@ def _corridor(jitter: _Jitter) -> _Design:
     bent_passage(layout, line, _CORRIDOR_WIDTH, 0.45)
     at = [Place(*corner, math.radians(degrees)) for corner, (_, degrees) in zip(line, legs)]
     side = _CORRIDOR_WIDTH / 2
-    _furnish(
+    furnish(
         layout,
         [
             (f.cabinet(layout, 0.8, 0.26, 1.1), at[0].moved(1.2, side - 0.14, -math.pi / 2)),
@@ -221,11 +211,11 @@ def _corridor(jitter: _Jitter) -> _Design:
 
 def _office(jitter: _Jitter) -> _Design:
     """An office crammed with desks, a meeting table, a round table, plants and cartons, all at odd angles."""
-    layout = _layout(2, (0.0, 0.0, 8.0, 6.2))
+    layout = designed_layout((31_415, 2), (0.0, 0.0, 8.0, 6.2))
     corners = [(0.0, 0.0), (8.0, 0.0), (8.0, 4.6), (6.6, 6.2), (0.0, 6.2)]
     enclose_polygon(layout, corners, {4: ((1.2, 0.95),), 0: ((7.0, 1.0),)})
     meeting = Place(3.0, 2.75, math.radians(18))
-    _furnish(
+    furnish(
         layout,
         [
             (f.table(layout, 0.9, 1.7), meeting),
@@ -240,7 +230,7 @@ def _office(jitter: _Jitter) -> _Design:
         ],
     )
     seat_around(layout, meeting, 0.9, 1.7, f.chair, ends=False)
-    _furnish(
+    furnish(
         layout,
         [
             (f.office_chair(layout), jitter(1.35, 4.5, math.pi + 0.3)),

@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.simulation import furniture as f
-from iwalker_jax.simulation.layout import Furniture, Layout, Place
-from iwalker_jax.simulation.oblique import HELD_OUT_STYLE, bent_passage, enclose_polygon
+from iwalker_jax.simulation.designed import designed_layout, furnish
+from iwalker_jax.simulation.layout import Layout, Place
+from iwalker_jax.simulation.oblique import bent_passage, enclose_polygon
 from iwalker_jax.simulation.scene import Scene
 
 
@@ -49,32 +50,21 @@ def test_scene(name: str) -> Scene:
     return test_sequence(name).scene
 
 
-def _layout(seed: int, bounds: tuple[float, float, float, float]) -> Layout:
-    # Furniture draws its small dimensions; the fixed seed makes them constants of the design.
-    style = replace(HELD_OUT_STYLE, open_doors=0.0)
-    return Layout(np.random.default_rng([20_240, seed]), style, bounds)
-
-
-def _furnish(layout: Layout, pieces: list[tuple[Furniture, Place]]) -> None:
-    for furniture, place in pieces:
-        furniture.build(layout, place)
-
-
 def _stair() -> tuple[Layout, list[tuple[float, float]]]:
     """A stairwell: two opposed flights with a half landing in mid-room, a chamfered corner, things in the way."""
-    layout = _layout(0, (0.0, 0.0, 9.4, 7.2))
+    layout = designed_layout((20_240, 0), (0.0, 0.0, 9.4, 7.2))
     corners = [(0.0, 0.0), (9.4, 0.0), (9.4, 4.9), (7.3, 7.2), (0.0, 7.2)]
     enclose_polygon(layout, corners, {4: ((5.6, 1.0),), 1: ((3.6, 0.95),)})
     lower = f.staircase(layout, 1.25, 8)
     foot = Place(4.4, 2.7)
-    _furnish(layout, [(lower, foot)])
+    furnish(layout, [(lower, foot)])
     turn = foot.moved(lower.length / 2 + 0.65, 0.7)
     layout.box(turn, 1.3, 2.65, 0.0, 1.45)
     for i in range(8):
         # The upper flight returns beside the lower one, walled up underneath.
         step = foot.moved(lower.length / 2 - (i + 0.5) * 0.27, 1.4)
         layout.box(step, 0.27, 1.25, 0.0, 1.45 + (i + 1) * 0.17)
-    _furnish(
+    furnish(
         layout,
         [
             (f.pillar(layout), Place(2.2, 4.6)),
@@ -93,7 +83,7 @@ def _stair() -> tuple[Layout, list[tuple[float, float]]]:
 
 def _office() -> tuple[Layout, list[tuple[float, float]]]:
     """Cubicles behind chest-high partitions, turned against the walls of a room with a slanted facade."""
-    layout = _layout(1, (0.0, 0.0, 10.6, 8.0))
+    layout = designed_layout((20_240, 1), (0.0, 0.0, 10.6, 8.0))
     corners = [(0.0, 0.0), (9.0, 0.0), (10.6, 4.2), (10.6, 8.0), (0.0, 8.0)]
     enclose_polygon(layout, corners, {4: ((6.6, 0.9),), 3: ((2.0, 1.0),)})
     turn = math.radians(24)
@@ -107,7 +97,7 @@ def _office() -> tuple[Layout, list[tuple[float, float]]]:
             layout.box(part, length, width, 0.0, 1.38)
         f.desk(layout, 1.6).build(layout, cell.moved(0.5, 0.08))
         f.office_chair(layout).build(layout, cell.moved(-0.25, 0.1, 0.6))
-    _furnish(
+    furnish(
         layout,
         [
             (f.shelf(layout, 1.1), Place(0.22, 3.4)),
@@ -125,7 +115,7 @@ def _office() -> tuple[Layout, list[tuple[float, float]]]:
 
 def _corridor() -> tuple[Layout, list[tuple[float, float]]]:
     """A corridor with two bends of 33 degrees, side rooms, and things along and across it."""
-    layout = _layout(2, (0.0, -1.3, 13.2, 4.4))
+    layout = designed_layout((20_240, 2), (0.0, -1.3, 13.2, 4.4))
     bend = math.radians(33)
     middle = (4.6 + 4.2 * math.cos(bend), 1.0 + 4.2 * math.sin(bend))
     line = [(0.0, 1.0), (4.6, 1.0), middle, (13.2, middle[1])]
@@ -133,7 +123,7 @@ def _corridor() -> tuple[Layout, list[tuple[float, float]]]:
     layout.box(Place(11.3, -0.9), 4.2, 1.6, 0.0, layout.ceiling)
     up = Place(4.6, 1.0, bend)
     last = Place(*middle, 0.0)
-    _furnish(
+    furnish(
         layout,
         [
             (f.cabinet(layout, 0.9, 0.4, 1.3), Place(1.4, 0.26, math.pi / 2)),
@@ -160,13 +150,13 @@ def _corridor() -> tuple[Layout, list[tuple[float, float]]]:
 
 def _corner() -> tuple[Layout, list[tuple[float, float]]]:
     """Two wide passages that meet at a blind corner of 104 degrees, with a pillar and a person behind it."""
-    layout = _layout(3, (0.0, -0.1, 8.3, 7.2))
+    layout = designed_layout((20_240, 3), (0.0, -0.1, 8.3, 7.2))
     turn = math.radians(76)
     end = (5.6 + 6.2 * math.cos(turn), 1.0 + 6.2 * math.sin(turn))
     bent_passage(layout, [(0.0, 1.0), (5.6, 1.0), end], 2.2, 1.8, [(0, 1, 0.5, 3.2, 1.7, 1.05)])
     layout.box(Place(1.8, 5.8), 3.8, 3.2, 0.0, layout.ceiling)
     around = Place(5.6, 1.0, turn)
-    _furnish(
+    furnish(
         layout,
         [
             (f.pillar(layout), Place(6.05, 1.2)),
