@@ -86,14 +86,16 @@ def policy_losses(
 
 def _path_loss(path: Array, fear: Array, batch: Batch, config: TrainConfig) -> tuple[Array, dict[str, Array]]:
     """Each row's path loss and its terms, by the method."""
-    heuristic = jax.vmap(heuristic_losses)(path, fear, batch.goal, batch.maps)
-    if config.method == "iplanner":
-        return jax.vmap(heuristic_sum)(heuristic), heuristic._asdict()
+    if config.method in ("iplanner", "finetuned"):
+        heuristic = jax.vmap(heuristic_losses)(path, fear, batch.goal, batch.maps)
+        loss, terms = jax.vmap(heuristic_sum)(heuristic), heuristic._asdict()
+        if config.method == "iplanner":
+            return loss, terms
     bilevel = jax.vmap(lambda p, f, m: path_losses(p, f, m, config.models, config.gradient))(path, fear, batch.maps)
     if config.method == "finetuned":
-        loss = jax.vmap(heuristic_sum)(heuristic) + config.weights.tracking * bilevel.tracking
-        return loss, heuristic._asdict() | {"tracking": bilevel.tracking, "converged": bilevel.converged}
-    return jax.vmap(lambda terms: weighted_sum(terms, config.weights))(bilevel), bilevel._asdict()
+        loss = loss + config.weights.tracking * bilevel.tracking
+        return loss, terms | {"tracking": bilevel.tracking, "converged": bilevel.converged}
+    return jax.vmap(lambda row: weighted_sum(row, config.weights))(bilevel), bilevel._asdict()
 
 
 def _step_loss(

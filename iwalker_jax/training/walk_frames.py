@@ -51,19 +51,14 @@ def frames_from_episodes(
             continue
         # The image was taken at the frame's start, where the frame before ended.
         poses = np.asarray(record.base[k, chosen - 1], np.float32)
-        goals = np.concatenate(
-            [
-                reachable_goals(
-                    pose[None],
-                    task.goals[record.goal[k, frame]],
-                    cells_that_reach(task.scene, task.goals[record.goal[k, frame]]),
-                    np.asarray(task.scene.bounds[:2]),
-                    rng,
-                    sampling,
-                )
-                for pose, frame in zip(poses, chosen, strict=True)
-            ]
-        )
+        aims = np.asarray(record.goal[k, chosen])
+        reach = {aim: cells_that_reach(task.scene, task.goals[aim]) for aim in np.unique(aims)}
+        origin = np.asarray(task.scene.bounds[:2])
+        aimed = [
+            reachable_goals(pose[None], task.goals[aim], reach[aim], origin, rng, sampling)
+            for pose, aim in zip(poses, aims, strict=True)
+        ]
+        goals = np.concatenate(aimed)
         depth = depth_to_millimetres(np.asarray(record.depth[k, chosen], np.float32))
         mounts = np.asarray(_mounts(camera, jnp.asarray(record.qpos[k, chosen - 1]), jnp.asarray(poses)))
         parts.append(FrameSet(depth, mounts, goals, poses, np.zeros(len(chosen), np.int32), (task.name,)))

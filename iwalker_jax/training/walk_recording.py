@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, descend
 from iwalker_jax.simulation.depth_noise import DepthNoise, add_depth_noise
 from iwalker_jax.simulation.ray_casting import render_depth, world_camera_pose
@@ -43,14 +43,14 @@ class WalkSampling:
     min_route: float = 3.0
     max_route: float = 9.0
     last_frame: float = 1.0
-    height: float = 0.58
+    height: float = CameraMount.height
     height_spread: float = 0.03
-    pitch: float = 0.26
+    pitch: float = CameraMount.pitch
     pitch_spread: float = 0.06
     roll_spread: float = 0.02
     sway_angle: float = 0.02
     sway_height: float = 0.008
-    forward: float = 0.028
+    forward: float = CameraMount.forward
     sway_position: float = 0.012
     heading_spread: float = 0.25
     lateral_spread: float = 0.08
