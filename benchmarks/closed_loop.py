@@ -28,12 +28,12 @@ from experiments.planner import planner_of  # noqa: E402
 from iwalker_jax.control.controller import control_step  # noqa: E402
 from iwalker_jax.navigation.camera import camera_in_world  # noqa: E402
 from iwalker_jax.navigation.closed_loop import LoopState, Navigator, run_episode, start_episode  # noqa: E402
-from iwalker_jax.navigation.episodes import EpisodeProgram  # noqa: E402
+from iwalker_jax.navigation.episodes import EpisodeProgram, place_at  # noqa: E402
 from iwalker_jax.navigation.faults import make_faults  # noqa: E402
 from iwalker_jax.navigation.generated_tasks import generated_tasks  # noqa: E402
-from iwalker_jax.navigation.guide import Sight, best_routes, network_path, route_costs  # noqa: E402
+from iwalker_jax.navigation.guide import Guidance, Sight, guide, network_path, route_costs  # noqa: E402
 from iwalker_jax.navigation.map_memory import remember, remembered, window_origin  # noqa: E402
-from iwalker_jax.navigation.navigators import make_navigator, place_at  # noqa: E402
+from iwalker_jax.navigation.navigators import make_navigator  # noqa: E402
 from iwalker_jax.navigation.path_band import safe_path  # noqa: E402
 from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
 from iwalker_jax.navigation.task import Task, TaskArrays, stack_tasks  # noqa: E402
@@ -42,6 +42,8 @@ from iwalker_jax.perception.depth_cleanup import clean_depth  # noqa: E402
 from iwalker_jax.perception.distance_field import signed_distance_field  # noqa: E402
 from iwalker_jax.perception.grid import DEFAULT_GRID  # noqa: E402
 from iwalker_jax.perception.local_map import free_and_occupied  # noqa: E402
+from iwalker_jax.perception.seen_route import seen_and_whole_route  # noqa: E402
+from iwalker_jax.perception.traversal import halved, pool_2x2, softened  # noqa: E402
 from iwalker_jax.planning.ipath import IPathConfig  # noqa: E402
 from iwalker_jax.planning.planner import Planner, PlannerConfig  # noqa: E402
 from iwalker_jax.robot.rigid_body import rigid_body_terms  # noqa: E402
@@ -114,21 +116,27 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
     maps = jax.jit(jax.vmap(add_map))(state, sight)
 
     def route(esdf: jax.Array, occupied: jax.Array, unknown: jax.Array, origin: jax.Array, at: Sight) -> tuple:
-        to_go = route_costs(rules, occupied, esdf, unknown, at.goal - origin)
-        return best_routes(rules, to_go, unknown, at.base[:2] - origin, at.goal - origin)
+        unseen = softened(pool_2x2(unknown.astype(esdf.dtype)))
+        to_go = route_costs(rules, occupied, esdf, unseen, at.goal - origin)
+        return seen_and_whole_route(to_go, unseen, at.goal - origin, at.base[:2] - origin, halved(memory_rules.grid))
 
     def ipath(at: Sight) -> jax.Array:
         return network_path(nnx.merge(nav.graph, nav.planner), at, at.goal)
 
-    def band(esdf: jax.Array, origin: jax.Array, s: LoopState) -> tuple:
-        return safe_path(rules.band_rules, s.guidance.path - origin, esdf, memory_rules.grid)
+    def find_way(s: LoopState, at: Sight) -> Guidance:
+        return guide(rules, (nav.graph, nav.planner), nav.intrinsics, s.memory, at)[1]
 
-    def footsteps(s: LoopState) -> Any:
+    guidance = jax.jit(jax.vmap(find_way))(state, sight)
+
+    def band(esdf: jax.Array, origin: jax.Array, way: Guidance) -> tuple:
+        return safe_path(rules.band_rules, way.path - origin, esdf, memory_rules.grid)
+
+    def footsteps(s: LoopState, way: Guidance) -> Any:
         terms = rigid_body_terms(nav.walker.robot, s.walk.physics.qpos, s.walk.physics.qvel)
         zero = jnp.zeros(())
         stance = Stance(terms.com[:2], terms.com_velocity[:2], terms.foot_positions[0, :2], zero, zero > 1, zero)
         istepper = nnx.merge(nav.graph, nav.planner).istepper
-        return plan_steps(nav.pursuit, istepper, s.guidance.path, s.guidance.look, stance)
+        return plan_steps(nav.pursuit, istepper, way.path, way.look, stance)
 
     def think(c: Conditions, s: LoopState) -> Any:
         def tick(mind: Any, _: None) -> tuple[Any, None]:
@@ -151,8 +159,8 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
         "map and distance field": (setting.time(add_map, state, sight), frames),
         "route on the map": (setting.time(route, *maps, sight), frames),
         "iPath": (setting.time(ipath, sight), frames),
-        "band off obstacles": (setting.time(band, maps[0], maps[3], state), frames),
-        "iStepper and course": (setting.time(footsteps, state), nav.loop.looks * frames),
+        "band off obstacles": (setting.time(band, maps[0], maps[3], guidance), frames),
+        "iStepper and course": (setting.time(footsteps, state, guidance), nav.loop.looks * frames),
         "body clearance": (setting.time(clearance, tasks, state), nav.loop.looks * frames),
         "sensors, estimator, control": (thinking / TICKS, 500.0),
         "physics": (max(walking - thinking, 0.0) / TICKS, 500.0),

@@ -9,8 +9,9 @@ from jaxtyping import Array, Float, Int
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.parameters import GaitParameters, LegEffect
-from iwalker_jax.control.stepping import SteppingGains, choose_step, flow, turn
+from iwalker_jax.control.stepping import SteppingGains, choose_step, flow
 from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
+from iwalker_jax.geometry.planar import turn
 
 STAND, SHIFT, WALK = 0, 1, 2
 _DONE = 0.999  # phase at which a swing counts as over

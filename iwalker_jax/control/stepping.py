@@ -14,6 +14,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from iwalker_jax.control.parameters import GaitParameters
+from iwalker_jax.geometry.planar import turn
 from iwalker_jax.optimization.hlip import step_matrices
 from iwalker_jax.optimization.step_mpc import solve_step_mpc
 
@@ -70,13 +71,6 @@ def flow(
     """Linear inverted pendulum's state after `time` [s] without a change of foot."""
     cosh, sinh = jnp.cosh(rate * time), jnp.sinh(rate * time)
     return position * cosh + velocity * sinh / rate, position * rate * sinh + velocity * cosh
-
-
-def turn(angle: Float[Array, ""], vectors: Float[Array, "*n 2"]) -> Float[Array, "*n 2"]:
-    """Rotate planar vectors by an angle [rad]."""
-    cos, sin = jnp.cos(angle), jnp.sin(angle)
-    x, y = vectors[..., 0], vectors[..., 1]
-    return jnp.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
 class StepChoice(NamedTuple):

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from iwalker_jax.geometry.planar import to_world
 from iwalker_jax.geometry.splines import arc_length, resample_by_arc_length, safe_norm
 from iwalker_jax.optimization.step_mpc import solve_step_mpc
 from iwalker_jax.optimization.unicycle import initial_state_from_reference
@@ -92,13 +93,6 @@ def plan_metrics(
         footsteps, pre_impact_planes(state, models.hlip), models.hlip, models.step_weights, "stopped"
     )
     return PlanMetrics(feasibility, collision, stability, steps.value.cost), tracked
-
-
-def to_world(pose: Float[Array, " 3"], points: Float[Array, "*n 2"]) -> Float[Array, "*n 2"]:
-    """Points [m] of the base frame in the world frame of a base pose [x, y, yaw]."""
-    cos, sin = jnp.cos(pose[2]), jnp.sin(pose[2])
-    R_world_base = jnp.stack([jnp.stack([cos, -sin]), jnp.stack([sin, cos])])
-    return points @ R_world_base.T + pose[:2]
 
 
 def true_metrics(

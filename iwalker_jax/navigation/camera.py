@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation.attitude import rotation_matrix
+from iwalker_jax.geometry.planar import to_base
 
 
 @jax.tree_util.register_dataclass
@@ -67,21 +68,4 @@ def measured_mount(
     level_right = jnp.stack([sin, -cos, jnp.zeros_like(sin)])
     level_down = jnp.cross(axis, level_right)
     roll = jnp.arctan2(right @ level_down, right @ level_right)
-    offset = p_world_camera[:2] - base[:2]
-    forward, left = cos * offset[0] + sin * offset[1], cos * offset[1] - sin * offset[0]
-    return jnp.stack([p_world_camera[2], pitch, roll, forward, left])
-
-
-def to_base(base: Float[Array, "3"], points: Float[Array, "*n 2"]) -> Float[Array, "*n 2"]:
-    """World points [m] in the base frame."""
-    offset = points - base[:2]
-    cos, sin = jnp.cos(base[2]), jnp.sin(base[2])
-    x, y = offset[..., 0], offset[..., 1]
-    return jnp.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
-
-
-def to_world(base: Float[Array, "3"], points: Float[Array, "*n 2"]) -> Float[Array, "*n 2"]:
-    """Points [m] of the base frame in the world."""
-    cos, sin = jnp.cos(base[2]), jnp.sin(base[2])
-    x, y = points[..., 0], points[..., 1]
-    return jnp.stack([cos * x - sin * y, sin * x + cos * y], axis=-1) + base[:2]
+    return jnp.concatenate([jnp.stack([p_world_camera[2], pitch, roll]), to_base(base, p_world_camera[:2])])

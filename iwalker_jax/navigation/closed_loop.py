@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
+from iwalker_jax.control.controller import posture_of
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait import STAND, WALK
 from iwalker_jax.errors import InputError
@@ -22,7 +23,7 @@ from iwalker_jax.estimation import estimated_qpos_qvel
 from iwalker_jax.navigation.camera import RobotCamera, base_pose, camera_in_world, measured_mount
 from iwalker_jax.navigation.camera_health import CameraHealth, HealthRules, check_camera, healthy_camera
 from iwalker_jax.navigation.faults import Faults, obstacles_at, within
-from iwalker_jax.navigation.guide import Guidance, GuideRules, Sight, blank_guidance, guide
+from iwalker_jax.navigation.guide import Guidance, GuideRules, Sight, guide
 from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, remembered
 from iwalker_jax.navigation.step_planning import PursuitRules, Stance, plan_steps, stop_steps
 from iwalker_jax.navigation.task import EpisodeRecord, Outcome, TaskArrays
@@ -97,8 +98,8 @@ class LoopState(NamedTuple):
 
     Attributes:
         walk: the walking robot; frozen once the episode has ended.
-        plan: its footsteps; planned_at: gait step since when; stopping: whether they end in standing.
-        memory, guidance, health: of the planner.
+        plan: its footsteps; stopping: whether they end in standing.
+        memory, health: of the planner.
         goal: index of the present goal.
         outcome: `Outcome` so far.
         anchor: (3,) x, y [m] and time [s] of the last progress; last_way: () [s] when the map last had a way.
@@ -107,10 +108,8 @@ class LoopState(NamedTuple):
 
     walk: WalkState
     plan: FootstepPlan
-    planned_at: Int[Array, ""]
     stopping: Bool[Array, ""]
     memory: MapMemory
-    guidance: Guidance
     health: CameraHealth
     goal: Int[Array, ""]
     outcome: Int[Array, ""]
@@ -147,10 +146,8 @@ def start_episode(navigator: Navigator, task: TaskArrays, conditions: Conditions
     return LoopState(
         walk=walk,
         plan=plan,
-        planned_at=none - 1,
         stopping=jnp.asarray(False),
         memory=empty_memory(navigator.guidance.memory, base[:2]),
-        guidance=blank_guidance(base, task.goals[0]),
         health=healthy_camera(shape, dtype),
         goal=none,
         outcome=none + int(Outcome.RUNNING),
@@ -182,7 +179,7 @@ def camera_frame(
     seeing = Sight(depth, mount, believed, task.goals[goal])
     planner = navigator.graph, navigator.planner
     memory, guidance = guide(navigator.guidance, planner, navigator.intrinsics, state.memory, seeing)
-    state = state._replace(goal=goal, memory=memory, guidance=guidance)
+    state = state._replace(goal=goal, memory=memory)
 
     anchor, lost = _progress(navigator.loop, state.anchor, believed, time)
     last_way = jnp.where(guidance.way, time, state.last_way)
@@ -291,16 +288,16 @@ def _with_footsteps(navigator: Navigator, wish: Wish, state: LoopState) -> LoopS
     """The state with new footsteps, if a step has begun or a standing robot is to go."""
     gait = state.walk.mind.controller.gait
     stands = gait.mode == STAND
-    begun = (gait.mode == WALK) & (gait.step != state.planned_at) & ~state.stopping
+    # A new plan begins with the step under way; a robot without one may be stepping to catch itself.
+    begun = (gait.mode == WALK) & ((gait.step > 0) | (state.plan.count == 0)) & ~state.stopping
     go = stands & ~wish.stop
     terms = rigid_body_terms(navigator.walker.robot, *_believed_state(navigator, state.walk))
-    forward = terms.foot_rotations[:, :, 0]
-    yaws = jnp.arctan2(forward[:, 1], forward[:, 0])
+    posture = posture_of(terms, state.walk.mind.touching)
     stance = Stance(
-        com=terms.com[:2],
-        com_velocity=terms.com_velocity[:2],
-        foot=terms.foot_positions[gait.stance, :2],
-        yaw=yaws[gait.stance],
+        com=posture.com[:2],
+        com_velocity=posture.com_velocity[:2],
+        foot=posture.feet[gait.stance, :2],
+        yaw=posture.foot_yaws[gait.stance],
         left=gait.stance == 1,
         time=gait.time,
     )
@@ -320,7 +317,6 @@ def _with_footsteps(navigator: Navigator, wish: Wish, state: LoopState) -> LoopS
     mind = mind._replace(controller=mind.controller._replace(gait=gait))
     return state._replace(
         plan=plan,
-        planned_at=jnp.where(new, 0, state.planned_at),
         stopping=jnp.where(new, ends, state.stopping & ~stands),
         walk=state.walk._replace(mind=mind),
     )

@@ -1,5 +1,6 @@
 """Many episodes: one compiled program for a group of robots and a stretch of time, over all devices."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -9,11 +10,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array, Float
 
+from iwalker_jax.devices import chosen_devices
 from iwalker_jax.errors import InputError
+from iwalker_jax.estimation.attitude import turn_about_vertical
+from iwalker_jax.geometry.planar import to_world, turn
 from iwalker_jax.navigation.closed_loop import LoopState, Navigator, run_episode, start_episode
 from iwalker_jax.navigation.faults import Faults, make_faults
-from iwalker_jax.navigation.navigators import frames_of, place_at
 from iwalker_jax.navigation.task import EpisodeRecord, Outcome, Task, TaskArrays, stack_tasks
 from iwalker_jax.simulation.walk_setup import Disturbances, sample_conditions
 from iwalker_jax.simulation.walking import Conditions
@@ -41,16 +45,13 @@ class EpisodeProgram:
             images: record depth and map of every frame.
             disturbances: from which each robot's friction, mass and start are drawn.
         """
-        present = jax.local_devices()
-        count = len(present) if devices is None else devices
-        if not 1 <= count <= len(present):
-            raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.local_devices().")
+        chosen = chosen_devices(devices)
         if width < 1:
             raise InputError(f"Groups of {width} episodes were asked for; give at least 1.")
-        self.width = -(-width // count) * count
+        self.width = -(-width // len(chosen)) * len(chosen)
         self.frames = max(1, round(_CHUNK / navigator.frame_time))
         self.compile_seconds, self.run_seconds = 0.0, 0.0
-        self._mesh = Mesh(np.array(present[:count]), ("episodes",))
+        self._mesh = Mesh(np.array(chosen), ("episodes",))
         self._images, self._disturbances = images, disturbances
         self.navigator = jax.device_put(navigator, NamedSharding(self._mesh, PartitionSpec()))
         self._chunk: Callable[..., tuple[LoopState, EpisodeRecord]] | None = None
@@ -78,8 +79,7 @@ class EpisodeProgram:
             raise InputError("No tasks were given; give at least one.")
         if faults is not None and len(faults) != len(tasks):
             raise InputError(f"{len(tasks)} tasks came with {len(faults)} faults; give one each, or none at all.")
-        rules = self.navigator.walker
-        conditions = sample_conditions(rules.robot, self._disturbances, len(tasks), seed)
+        conditions = sample_conditions(self.navigator.walker.robot, self._disturbances, len(tasks), seed)
         troubles = [make_faults()] * len(tasks) if faults is None else list(faults)
         parts: list[EpisodeRecord] = []
         done = 0.0
@@ -112,7 +112,7 @@ class EpisodeProgram:
         self.compile_seconds += time.perf_counter() - began
         began = time.perf_counter()
         records: list[EpisodeRecord] = []
-        wanted = frames_of(self.navigator, tasks)
+        wanted = math.ceil(float(jnp.max(tasks.time_limit)) / self.navigator.frame_time) + 1
         while sum(record.time.shape[1] for record in records) < wanted:
             state, record = chunk(self.navigator, tasks, conditions, faults, state)
             records.append(jax.tree.map(np.asarray, record))
@@ -146,6 +146,17 @@ class EpisodeProgram:
                 )
             self._chunk = jax.jit(chunk).lower(self.navigator, *arguments).compile()
         return self._chunk
+
+
+@jax.vmap
+def place_at(conditions: Conditions, start: Float[Array, "3"]) -> Conditions:
+    """Conditions whose robots stand at (x [m], y [m], yaw [rad]) instead of at the origin, batch first."""
+    qpos, qvel, yaw = conditions.qpos, conditions.qvel, start[2]
+    turned = turn_about_vertical(qpos[3:7], yaw)
+    return conditions._replace(
+        qpos=jnp.concatenate([to_world(start, qpos[:2]), qpos[2:3], turned, qpos[7:]]).astype(qpos.dtype),
+        qvel=jnp.concatenate([turn(yaw, qvel[:2]), qvel[2:]]).astype(qvel.dtype),
+    )
 
 
 def _lengthened(leaf: np.ndarray, length: int) -> np.ndarray:

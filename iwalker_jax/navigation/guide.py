@@ -8,8 +8,8 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.planar import to_base, to_world
 from iwalker_jax.geometry.splines import arc_length, interpolate_along, resample_by_arc_length
-from iwalker_jax.navigation.camera import to_base, to_world
 from iwalker_jax.navigation.map_memory import MapMemory, MemoryRules, remember, remembered, window_origin
 from iwalker_jax.navigation.path_band import BAND_POINTS, BandRules, safe_path
 from iwalker_jax.perception.camera import Intrinsics
@@ -19,7 +19,7 @@ from iwalker_jax.perception.depth_cleanup import clean_depth
 from iwalker_jax.perception.distance_field import signed_distance_field
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
 from iwalker_jax.perception.local_map import free_and_occupied
-from iwalker_jax.perception.seen_route import seen_route
+from iwalker_jax.perception.seen_route import seen_and_whole_route
 from iwalker_jax.perception.traversal import TraversalRules, halved, pool_2x2, softened, traversal_cost
 from iwalker_jax.planning.planner import Planner
 
@@ -33,18 +33,17 @@ class GuideRules:
     """How a path comes about.
 
     Attributes:
-        source: `network` asks iPath alone, `guided` asks iPath for a way to the next way point of the route, `route`
-            takes the route itself: the cheapest way to the goal on the remembered map.
+        source: `network` asks iPath alone and takes its path as it is; `guided` asks iPath for a way to the next way
+            point of the route, `route` takes the route itself, the cheapest way to the goal on the remembered map; both
+            are drawn off the remembered obstacles and cut before a collision.
         ahead: [m] along the route to the way point that iPath gets.
         headway: share of the cost to that point that iPath's path must take off the cost-to-go; else the route is used.
-        band: whether the path is drawn off the remembered obstacles and cut before a collision.
         memory, band_rules, traversal: their numbers; routes keep the gait's sway off obstacles as well as the body.
     """
 
     source: PathSource = "guided"
     ahead: float = 1.6
     headway: float = 0.3
-    band: bool = True
     memory: MemoryRules = MemoryRules()
     band_rules: BandRules = BandRules()
     traversal: TraversalRules = TraversalRules(body_radius=0.20)
@@ -97,35 +96,29 @@ def guide(
         intrinsics: of the depth image.
     """
     network, no = nnx.merge(*planner), jnp.asarray(False)
-    if rules.source == "network" and not rules.band:
+    if rules.source == "network":
         path = network_path(network, sight, sight.goal)
         return memory, Guidance(resample_by_arc_length(path, BAND_POINTS), sight.goal, no, ~no)
     frame = free_and_occupied(clean_depth(sight.depth), sight.mount, intrinsics, DEFAULT_GRID, DEFAULT_RULES)
     memory = remember(rules.memory, memory, sight.base, *frame)
+    grid, coarse = rules.memory.grid, halved(rules.memory.grid)
     origin = window_origin(rules.memory, memory)
+    start, goal = sight.base[:2] - origin, sight.goal - origin
     occupied, unknown = remembered(rules.memory, memory)
     esdf = signed_distance_field(occupied, rules.memory.resolution)
-    look, way = sight.goal, ~no
-    if rules.source != "network":
-        to_go = route_costs(rules, occupied, esdf, unknown, sight.goal - origin)
-        way = _reachable_near(to_go, halved(rules.memory.grid), sight.base[:2] - origin)
-        seen, whole = best_routes(rules, to_go, unknown, sight.base[:2] - origin, sight.goal - origin)
-        seen, whole = seen + origin, whole + origin
-        look = _on_route(whole, 0.5)
-    if rules.source == "route":
-        path = seen
-    else:
-        path = network_path(network, sight, sight.goal if rules.source == "network" else _on_route(whole, rules.ahead))
-    if not rules.band:
-        return memory, Guidance(resample_by_arc_length(path, BAND_POINTS), look, no, way)
-    band, detour = safe_path(rules.band_rules, path - origin, esdf, rules.memory.grid)
+    unseen = softened(pool_2x2(unknown.astype(esdf.dtype)))
+    to_go = route_costs(rules, occupied, esdf, unseen, goal)
+    seen, whole = seen_and_whole_route(to_go, unseen, goal, start, coarse)
+    band, detour = safe_path(rules.band_rules, seen, esdf, grid)
     if rules.source == "guided":
-        # Where iPath sees no way that leads on, the route, likewise drawn off the obstacles, does.
-        start, end = (_cost_at(to_go, halved(rules.memory.grid), point) for point in (band[0], band[-1]))
-        detour = detour | (start - end < rules.headway * jnp.minimum(start, rules.ahead))
-        other, _ = safe_path(rules.band_rules, seen - origin, esdf, rules.memory.grid)
-        band = jnp.where(detour, other, band)
-    return memory, Guidance(resample_by_arc_length(band + origin, BAND_POINTS), look, detour, way)
+        route, ahead = band, _on_route(whole, rules.ahead) + origin
+        band, cut = safe_path(rules.band_rules, network_path(network, sight, ahead) - origin, esdf, grid)
+        # Where iPath sees no way that leads on, the route does.
+        here, there = (_cost_at(to_go, coarse, point) for point in (band[0], band[-1]))
+        detour = cut | (here - there < rules.headway * jnp.minimum(here, rules.ahead))
+        band = jnp.where(detour, route, band)
+    path = resample_by_arc_length(band + origin, BAND_POINTS)
+    return memory, Guidance(path, _on_route(whole, 0.5) + origin, detour, _reachable_near(to_go, coarse, start))
 
 
 def network_path(network: Planner, sight: Sight, goal: Float[Array, "2"]) -> Float[Array, "n 2"]:
@@ -138,11 +131,11 @@ def route_costs(
     rules: GuideRules,
     occupied: Bool[Array, "n n"],
     esdf: Float[Array, "n n"],
-    unknown: Bool[Array, "n n"],
+    unseen: Float[Array, "half half"],
     goal: Float[Array, "2"],
 ) -> Float[Array, "half half"]:
     """Cost of the cheapest route to the goal from every cell of the window, halved; through no occupied cell."""
-    cost = traversal_cost(pool_2x2(esdf), _unseen(unknown, esdf), rules.traversal)
+    cost = traversal_cost(pool_2x2(esdf), unseen, rules.traversal)
     cost = jnp.where(pool_2x2(occupied.astype(esdf.dtype)) > 0, jnp.inf, cost)
     return cost_to_go(cost, goal, halved(rules.memory.grid)).value.cost
 
@@ -153,23 +146,6 @@ def _reachable_near(to_go: Float[Array, "half half"], grid: GridSpec, point: Flo
     return jnp.any(near & (to_go < UNREACHABLE))
 
 
-def _unseen(unknown: Bool[Array, "n n"], esdf: Float[Array, "n n"]) -> Float[Array, "half half"]:
-    return softened(pool_2x2(unknown.astype(esdf.dtype)))
-
-
-def best_routes(
-    rules: GuideRules,
-    to_go: Float[Array, "half half"],
-    unknown: Bool[Array, "n n"],
-    start: Float[Array, "2"],
-    goal: Float[Array, "2"],
-) -> tuple[Float[Array, "points 2"], Float[Array, "points 2"]]:
-    """The cheapest route on the window, as far as it was seen, and the whole of it."""
-    grid, unseen = halved(rules.memory.grid), _unseen(unknown, to_go)
-    whole = seen_route(to_go, jnp.zeros_like(unseen), goal, start, grid)
-    return seen_route(to_go, unseen, goal, start, grid), whole
-
-
 def _cost_at(to_go: Float[Array, "half half"], grid: GridSpec, point: Float[Array, "2"]) -> Float[Array, ""]:
     cell = jnp.clip(jnp.round(grid.cell_coordinates(point)).astype(jnp.int32), 0, jnp.asarray(grid.shape) - 1)
     return to_go[cell[0], cell[1]]
@@ -178,8 +154,3 @@ def _cost_at(to_go: Float[Array, "half half"], grid: GridSpec, point: Float[Arra
 def _on_route(route: Float[Array, "points 2"], distance: float) -> Float[Array, "2"]:
     """The point of a route at a distance [m] along it, or its end."""
     return interpolate_along(arc_length(route), route, jnp.full(1, distance, route.dtype))[0]
-
-
-def blank_guidance(base: Float[Array, "3"], goal: Float[Array, "2"]) -> Guidance:
-    """Guidance before the first image: stay."""
-    return Guidance(jnp.broadcast_to(base[:2], (BAND_POINTS, 2)), goal, jnp.asarray(False), jnp.asarray(True))

@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool, Float, Int
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait import angle_between
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.planar import to_base, to_world, turn
 from iwalker_jax.geometry.splines import arc_length, interpolate_along, resample_by_arc_length
-from iwalker_jax.navigation.camera import to_base, to_world
 from iwalker_jax.planning.istepper import IStepper
 from iwalker_jax.planning.planner import PATH_POINTS
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry
@@ -139,18 +139,15 @@ def plan_steps(
         path, look: as in `pursue`.
     """
     steps = istepper.geometry
-    side = jnp.where(stance.left, 1.0, -1.0).astype(stance.foot.dtype)
-    normal = jnp.stack([-jnp.sin(stance.yaw), jnp.cos(stance.yaw)])
-    centre = stance.foot - side * steps.width / 2 * normal
     pursuit = PursuitRules() if rules is None else rules
-    course = pursue(pursuit, steps, path, look, centre, stance.yaw)
+    course = pursue(pursuit, steps, path, look, _centre(stance, steps.width), stance.yaw)
     geometric = beside(course, ~stance.left, steps.width)
     frame = jnp.append(stance.com, stance.yaw)
     line = resample_by_arc_length(path if rules is None else course.centres, PATH_POINTS)
     state = RobotState(
-        com_from_stance=to_base(frame.at[:2].set(0.0), stance.com - stance.foot),
-        com_velocity=to_base(frame.at[:2].set(0.0), stance.com_velocity),
-        stance_side=side,
+        com_from_stance=turn(-stance.yaw, stance.com - stance.foot),
+        com_velocity=turn(-stance.yaw, stance.com_velocity),
+        stance_side=_side(stance),
         time_in_step=stance.time,
     )
     learned = istepper(to_base(frame, line)[None], jax.tree.map(lambda leaf: leaf[None], state))[0]
@@ -158,17 +155,30 @@ def plan_steps(
     yaws = course.headings[1:]
     if rules is not None:
         positions = jnp.where(course.turning, geometric, positions)
-    first = jnp.where(stance.left, 0, 1).astype(jnp.int32)
-    return FootstepPlan(positions, yaws, first, jnp.asarray(steps.count, jnp.int32))
+    return FootstepPlan(positions, yaws, _first_swing(stance), jnp.asarray(steps.count, jnp.int32))
 
 
 def stop_steps(count: int, width: float, stance: Stance) -> FootstepPlan:
     """Two closing footsteps beside the stance foot, after which the robot stands."""
-    side = jnp.where(stance.left, 1.0, -1.0).astype(stance.foot.dtype)
-    normal = jnp.stack([-jnp.sin(stance.yaw), jnp.cos(stance.yaw)])
-    centre = stance.foot - side * width / 2 * normal
+    centre = _centre(stance, width)
     still = Course(
         jnp.broadcast_to(centre, (count + 1, 2)), jnp.broadcast_to(stance.yaw, (count + 1,)), jnp.asarray(False)
     )
-    first: Int[Array, ""] = jnp.where(stance.left, 0, 1).astype(jnp.int32)
-    return FootstepPlan(beside(still, ~stance.left, width), still.headings[1:], first, jnp.asarray(2, jnp.int32))
+    footsteps = beside(still, ~stance.left, width)
+    return FootstepPlan(footsteps, still.headings[1:], _first_swing(stance), jnp.asarray(2, jnp.int32))
+
+
+def _side(stance: Stance) -> Float[Array, ""]:
+    """+1 if the stance foot is the left one, else -1."""
+    return jnp.where(stance.left, 1.0, -1.0).astype(stance.foot.dtype)
+
+
+def _centre(stance: Stance, width: float) -> Float[Array, "2"]:
+    """Middle [m] between two tracks of which the stance foot stands on one."""
+    normal = jnp.stack([-jnp.sin(stance.yaw), jnp.cos(stance.yaw)])
+    return stance.foot - _side(stance) * width / 2 * normal
+
+
+def _first_swing(stance: Stance) -> Int[Array, ""]:
+    """The foot that steps next: 0 right, 1 left."""
+    return jnp.where(stance.left, 0, 1).astype(jnp.int32)

@@ -33,6 +33,17 @@ def seen_route(
         goal: [m] in the grid's frame, as the start, which is the origin if left out.
         grid: where the cells lie.
     """
+    return seen_and_whole_route(to_go, unknown, goal, start, grid)[0]
+
+
+def seen_and_whole_route(
+    to_go: Float[Array, "rows columns"],
+    unknown: Float[Array, "rows columns"],
+    goal: Float[Array, " 2"],
+    start: Float[Array, " 2"] | None = None,
+    grid: GridSpec = ROUTE_GRID,
+) -> tuple[Float[Array, "points 2"], Float[Array, "points 2"]]:
+    """`seen_route`, and the same route to its end whether it was seen or not."""
     start = jnp.zeros(2, to_go.dtype) if start is None else start
     cells = descend(to_go, grid, start, 2 * max(grid.shape))
     last = cells[-1]
@@ -40,7 +51,10 @@ def seen_route(
     way = jnp.concatenate([start[None], cells[1:], jnp.where(arrived, goal, last)[None]])
     seen = jnp.cumprod(sample_bilinear(unknown, grid, way, outside="clamp") < 0.5).astype(bool)
     end = way[jnp.maximum(jnp.sum(seen) - 1, 0)]
-    way = jnp.where(seen[:, None], way, end)
+    return _smoothed(jnp.where(seen[:, None], way, end)), _smoothed(way)
+
+
+def _smoothed(way: Float[Array, "n 2"]) -> Float[Array, "points 2"]:
     # The grid allows sixteen headings; a moving average of half a metre takes its corners off.
     even = resample_by_arc_length(way, ROUTE_POINTS)
     for _ in range(_SMOOTHING_PASSES):

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait import STAND
+from iwalker_jax.devices import chosen_devices
 from iwalker_jax.errors import InputError
 from iwalker_jax.simulation.walking import Conditions, Sample, Walker, WalkState, roll_out, start_walk
 
@@ -82,16 +83,13 @@ class WalkProgram:
             chunk: [s] of simulated time in one call.
             every: ticks between two records.
         """
-        present = jax.local_devices()
-        count = len(present) if devices is None else devices
-        if not 1 <= count <= len(present):
-            raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.local_devices().")
+        chosen = chosen_devices(devices)
         if width < 1 or rows < 2:
             raise InputError(f"Groups of {width} robots and plans of {rows} rows; give at least 1 and 2.")
         self.walker, self.rows, self.every = walker, rows, every
-        self.width = -(-min(width, LARGEST_GROUP) // count) * count
+        self.width = -(-min(width, LARGEST_GROUP) // len(chosen)) * len(chosen)
         self.samples = max(round(chunk / (walker.controller.time_step * every)), 1)
-        self._mesh = Mesh(np.array(present[:count]), ("robots",))
+        self._mesh = Mesh(np.array(chosen), ("robots",))
         self._chunk: Callable[..., tuple[WalkState, Sample]] | None = None
         self._start = jax.jit(jax.vmap(start_walk, in_axes=(None, 0)))
 

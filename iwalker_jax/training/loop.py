@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
+from iwalker_jax.devices import chosen_devices
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.processes import is_first, place, shared
@@ -55,10 +56,7 @@ def batch_mesh(devices: int | None = None) -> Mesh | None:
     Raises:
         InputError: if fewer devices are present.
     """
-    present = jax.local_devices()
-    count = len(present) if devices is None else devices
-    if not 1 <= count <= len(present):
-        raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.local_devices().")
+    count = len(chosen_devices(devices))
     chosen = [device for k in range(jax.process_count()) for device in jax.local_devices(process_index=k)[:count]]
     return None if len(chosen) == 1 else Mesh(np.array(chosen), ("batch",))
 
