@@ -64,13 +64,15 @@ def _pick(values: Array, row: Int[Array, "*b"]) -> Array:
 
 
 def _sweep(tableau: Array, column: Array, pivot: Array, here: Array, swap: Array, drop: Array) -> Array:
-    """Sweep the row `here` where `swap` says so; unsweep it where `drop` does."""
-    cross = jnp.where(here & swap, 1, 0).astype(tableau.dtype)
-    inverse = 1 / jnp.where(pivot == 0, 1, pivot)
-    edge = jnp.where(here, -inverse / 2, jnp.where(drop, -inverse, inverse) * column)
-    flux = jnp.where(here & swap, 1, jnp.where(swap, inverse, 0) * column)
-    swept = (tableau - flux[:, None] * column[None]) * (1 - cross[None])
-    return swept + cross[:, None] * edge[None] + edge[:, None] * cross[None]
+    """Sweep the row `here` where `swap` says so; unsweep it where `drop` does.
+
+    Row and column are cleared before one product writes them anew: nothing cancels, however large the pivot.
+    """
+    at = here & swap
+    keep = jnp.where(at, 0, 1).astype(tableau.dtype)
+    edge = jnp.where(at, jnp.where(drop, 1, -1).astype(tableau.dtype), column)
+    flux = jnp.where(swap, 1 / jnp.where(pivot == 0, 1, pivot), 0) * edge
+    return tableau * (keep[:, None] * keep[None]) - flux[:, None] * edge[None]
 
 
 def _start(

@@ -163,7 +163,7 @@ def solve_core(
         sure = jnp.where(equality, 1e3 * (1 + largest(y)), 0)
         return jnp.where(equality, sure, y)
 
-    def rate(found: ActiveSet, x: Array, y: Array) -> Answer:
+    def rate(found: ActiveSet, x: Array, y: Array) -> tuple[Answer, Array, Array]:
         right = signed(jnp.where(found.sides * y < 0, jnp.where(equality, y, 0), y))
         residual, value, scale = _judge(data, x, right)
         residual = jnp.where(jnp.isfinite(residual), residual, jnp.inf)
@@ -174,9 +174,10 @@ def solve_core(
         near = (found.sides == 0) & (room < edge) & (diagonal > _DEPENDENT[size])
         regular = ~jnp.any(weak | near, axis=0)
         status = jnp.where(residual <= tolerance, Status.CONVERGED, Status.MAX_ITERATIONS)
-        return Answer(
+        answer = Answer(
             x, right, found.sides.astype(jnp.int32), status.astype(jnp.int32), residual, regular, found.pivots
         )
+        return answer, value, scale
 
     def impossible(value: Array, scale: Array) -> Array:
         violation = value - jnp.clip(value, low, high)
@@ -236,7 +237,7 @@ def solve_core(
                 pivots=found.pivots + after.pivots,
             )
             y += change
-            return found, point, y, settled | (rate(found, point, y).residual <= tolerance), count + 1
+            return found, point, y, settled | (rate(found, point, y)[0].residual <= tolerance), count + 1
 
         point = -apply_transposed(factor.root, shift + apply(factor.rows, found.y))
         carry = (found, point, found.y, jnp.zeros(batch, bool), jnp.asarray(0, jnp.int32))
@@ -251,11 +252,13 @@ def solve_core(
             )
         found, point, y = carry[:3]
         held = state.elastic | found.blocked
-        answer = rate(found, point, y)
-        _, value, scale = _judge(data, point, answer.y)
-        none = (found.blocked | state.elastic) & impossible(value, scale)
+        answer, value, scale = rate(found, point, y)
+        # Proofs of failure are rare and not looked for where no problem of the chunk gives cause.
+        never = jnp.zeros(batch, bool)
+        none = held & jax.lax.cond(jnp.any(held), lambda: impossible(value, scale), lambda: never)
         status = jnp.where(none, Status.INFEASIBLE, answer.status)
-        wild = ~held & (jnp.max(factor.excess, axis=0) > 0) & unbounded(point - state.point, point)
+        wild = ~held & (jnp.max(factor.excess, axis=0) > 0)
+        wild &= jax.lax.cond(jnp.any(wild), lambda: unbounded(point - state.point, point), lambda: never)
         status = jnp.where(wild & (answer.residual > tolerance), Status.UNBOUNDED, status)
         answer = answer._replace(status=status.astype(jnp.int32))
         verdict = none | (wild & (answer.residual > tolerance))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 # Pivots of the scaled P lost in rounding become this: a proximal term that leaves S well conditioned.
 LIFTED = 0.1
@@ -50,8 +50,10 @@ def apply(matrix: Float[Array, "r c *b"], vector: Float[Array, "c *b"]) -> Float
     return jax.lax.fori_loop(0, vector.shape[0], add, begin)
 
 
-def apply_transposed(matrix: Float[Array, "r c *b"], vector: Float[Array, "r *b"]) -> Float[Array, "c *b"]:
-    """Matrix' times vector."""
+def apply_transposed(
+    matrix: Float[Array, "r c *b"], vector: Float[Array, "r *b"], rows: int | Int[Array, ""] | None = None
+) -> Float[Array, "c *b"]:
+    """Matrix' times vector; of a batch only the first `rows`, if given: all others are zero."""
     if vector.ndim == 1:
         return vector @ matrix
     begin = jnp.zeros((matrix.shape[1], *vector.shape[1:]), vector.dtype)
@@ -60,7 +62,7 @@ def apply_transposed(matrix: Float[Array, "r c *b"], vector: Float[Array, "r *b"
     def add(k: Array, total: Array) -> Array:
         return total + take(matrix, k, keepdims=False) * take(vector, k, keepdims=False)
 
-    return jax.lax.fori_loop(0, vector.shape[0], add, begin)
+    return jax.lax.fori_loop(0, vector.shape[0] if rows is None else rows, add, begin)
 
 
 def fold(operation: Callable[[Array, Array], Array], values: Float[Array, "m *b"]) -> Float[Array, "*b"]:
@@ -149,7 +151,7 @@ def _row_by_row(
 
     def add_row(k: Array, carry: tuple) -> tuple:
         done, excess, smallest = carry  # rows from k on are still zero
-        line = take(stack, k, keepdims=False) - apply_transposed(done, take(done, k, 1, keepdims=False))
+        line = take(stack, k, keepdims=False) - apply_transposed(done, take(done, k, 1, keepdims=False), k)
         line, own, lifting = _scale_row(line, k, n)
         done = jax.lax.dynamic_update_index_in_dim(done, line, k, 0)
         return done, excess + lifting, jnp.minimum(smallest, own)
