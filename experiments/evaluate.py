@@ -12,7 +12,7 @@ if __name__ == "__main__":
 import os
 import platform
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -26,7 +26,7 @@ from iwalker_jax.evaluation.navigation_film import FilmSettings
 from iwalker_jax.evaluation.navigation_report import Report, write_report
 from iwalker_jax.evaluation.navigation_study import MakeProgram, Program, Progress, Study, run_study
 from iwalker_jax.evaluation.navigation_tables import COLUMNS, navigation_table
-from iwalker_jax.evaluation.navigation_walks import StudySettings
+from iwalker_jax.evaluation.navigation_walks import OF, StudySettings
 from iwalker_jax.evaluation.report import evaluate_all, standard_sequences
 from iwalker_jax.evaluation.sequences import Sequence
 from iwalker_jax.evaluation.tables import Table, legend
@@ -56,7 +56,8 @@ class Command:
             test_corridor, test_corner; `none` for no walks.
         count: of generated walks.
         seeds: of every other set.
-        policies: comma-separated: default, networks (as published) and classical (no iPath).
+        policies: comma-separated: default, networks (as published) and classical (no iPath); networks@FOLDER asks
+            the networks of another training run, in the same table.
         depth: noisy or ideal depth images.
         state: what the robot knows of its own state: estimated from noisy sensors, or true.
         width: episodes walked at a time.
@@ -92,10 +93,10 @@ def main(arguments: list[str] | None = None) -> int:
         come_together(command.group)
         planner, config, name = planner_of(command.run, command.checkpoint)
         # Wrong names are said before an hour of work.
-        settings = study_settings(command, name)
+        settings, planners = study_settings(command, planner, name)
         out = command.out or (command.run or Path("runs/pretrained")) / "evaluation"
         frames = evaluate_frames(command, planner, config, out) if is_first() else None
-        study = Study() if settings is None else evaluate_walks(command, settings, planner, out)
+        study = Study() if settings is None else evaluate_walks(command, settings, planners, out)
         part()
         if not is_first():
             return 0
@@ -109,14 +110,14 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def study_settings(command: Command, name: str) -> StudySettings | None:
-    """What is walked; None if nothing is."""
+def study_settings(command: Command, planner: Planner, name: str) -> tuple[StudySettings | None, dict[str, Planner]]:
+    """What is walked, None if nothing is; and the networks of every policy."""
     if command.walks.strip() == "none":
-        return None
+        return None, {}
     walks, policies = (
         tuple(word.strip() for word in words.split(",") if word.strip()) for words in (command.walks, command.policies)
     )
-    return StudySettings(
+    settings = StudySettings(
         name,
         policies,
         walks,
@@ -127,6 +128,15 @@ def study_settings(command: Command, name: str) -> StudySettings | None:
         command.seed,
         command.width,
     )
+    planners: dict[str, Planner] = {}
+    for policy in policies:
+        kind, _, folder = policy.partition(OF)
+        if folder:
+            other, _, other_name = planner_of(Path(folder))
+            planners[f"{kind}{OF}{other_name}"] = other
+        else:
+            planners[policy] = planner
+    return replace(settings, policies=tuple(planners)), planners
 
 
 def evaluate_frames(command: Command, planner: Planner, config: TrainConfig, out: Path) -> Table | None:
@@ -143,7 +153,7 @@ def evaluate_frames(command: Command, planner: Planner, config: TrainConfig, out
     return table
 
 
-def evaluate_walks(command: Command, settings: StudySettings, planner: Planner, out: Path) -> Study:
+def evaluate_walks(command: Command, settings: StudySettings, planners: dict[str, Planner], out: Path) -> Study:
     """The walks, progress shown, and their table printed."""
     film = FilmSettings() if command.videos else None
     with ExitStack() as stack:
@@ -154,7 +164,7 @@ def evaluate_walks(command: Command, settings: StudySettings, planner: Planner, 
                 bars.append(stack.enter_context(progress_bar("walks", progress.total)))
             bars[0](progress.done, f"{progress.policy}: {progress.running} on their way")
 
-        study = run_study(settings, program_maker(command, planner), out, film, show, say)
+        study = run_study(settings, program_maker(command, planners), out, film, show, say)
     console.print()
     if study.groups:
         say(navigation_table(study.groups).text())
@@ -162,12 +172,12 @@ def evaluate_walks(command: Command, settings: StudySettings, planner: Planner, 
     return study
 
 
-def program_maker(command: Command, planner: Planner) -> MakeProgram:
+def program_maker(command: Command, planners: dict[str, Planner]) -> MakeProgram:
     """How the programs of the policies are made."""
     sensors: Literal["nominal", "none"] = "nominal" if command.state == "estimated" else "none"
 
     def make(policy: str, width: int, images: bool) -> Program:
-        navigator = make_navigator(policy, planner, sensors, command.depth == "noisy")
+        navigator = make_navigator(policy.partition(OF)[0], planners[policy], sensors, command.depth == "noisy")
         return EpisodeProgram(navigator, width, command.devices, images)
 
     return make

@@ -200,7 +200,7 @@ def make_films(
     """Films of the first policy on the first task of every set; those there already are kept."""
     policy = settings.policies[0]
     starring = [walk for walk in walks if walk.number == 0]
-    files = [folder / "films" / f"{policy}-{walk.walks}-{settings.tag}.webm" for walk in starring]
+    files = [folder / "films" / f"{settings.stem(policy, walk.walks)}.webm" for walk in starring]
     if not all(file.exists() for file in files):
         say(f"Walking {len(starring)} episodes again, with images, for the films.")
         with study.timed("building policies"):

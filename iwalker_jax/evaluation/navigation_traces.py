@@ -16,7 +16,7 @@ _PANELS = 16  # episodes on a sheet
 
 def traces_file(folder: Path, settings: StudySettings, policy: str, first: int) -> Path:
     """Where the traces of the batch that begins with a walk are kept."""
-    return folder / "traces" / f"{policy}-{first}-{settings.tag}.npz"
+    return folder / "traces" / f"{settings.stem(policy, first)}.npz"
 
 
 def save_traces(file: Path, record: EpisodeRecord) -> None:
@@ -55,7 +55,7 @@ def draw_sheets(settings: StudySettings, walks: Sequence[Walk], folder: Path) ->
             chosen = sorted(episodes, key=lambda pair: int(pair[1].outcome[-1]) == Outcome.REACHED)[:_PANELS]
             rest = f", {len(chosen)} of {len(episodes)} episodes, failures first" if len(chosen) < len(episodes) else ""
             title = f"{policy}, {name}{rest}"
-            file = folder / "sheets" / f"{policy}-{name}-{settings.tag}.png"
+            file = folder / "sheets" / f"{settings.stem(policy, name)}.png"
             save_episode_grid([task for task, _ in chosen], [episode for _, episode in chosen], file, title)
             sheets.append((title, file))
     return sheets

@@ -16,6 +16,9 @@ GENERATED = "generated"
 
 WALKS: tuple[str, ...] = (GENERATED, *TASK_NAMES)
 
+OF = "@"
+"""In a policy's name, before the name of the networks that it asks instead of the study's own."""
+
 SEEDS_APART = 10_000
 """Between the seeds of two studies; every batch of a study has one of its own."""
 
@@ -26,7 +29,7 @@ class StudySettings:
 
     Attributes:
         planner: name of the networks, for the log.
-        policies: of `POLICIES`; walks: of `WALKS`.
+        policies: of `POLICIES`, followed by @ and a name where they ask other networks; walks: of `WALKS`.
         count: of generated walks; seeds: of each other set of walks.
         depth: noisy or ideal camera; state: estimated from sensors or true.
         seed: of tasks, robots and noise.
@@ -45,7 +48,7 @@ class StudySettings:
 
     def __post_init__(self) -> None:
         for title, given, known in (("policy", self.policies, tuple(POLICIES)), ("set of walks", self.walks, WALKS)):
-            unknown = [name for name in given if name not in known]
+            unknown = [name for name in given if name.partition(OF)[0] not in known]
             if unknown or not given or len(set(given)) < len(given):
                 raise InputError(
                     f"{', '.join(unknown or given) or 'No'}: choose each {title} once, of {', '.join(known)}."
@@ -54,10 +57,9 @@ class StudySettings:
             if getattr(self, name) < low:
                 raise InputError(f"The study's {name} is {getattr(self, name)}; give at least {low}.")
 
-    @property
-    def tag(self) -> str:
-        """Part of file names that tells studies in one folder apart."""
-        words = f"{self.planner}-{self.depth}-{self.state}-{self.seed}-{self.width}"
+    def stem(self, policy: str, what: str | int) -> str:
+        """A file name without its ending, of something of a policy; tells studies in one folder apart."""
+        words = f"{policy}-{what}-{self.planner}-{self.depth}-{self.state}-{self.seed}-{self.width}"
         return re.sub(r"[^\w.]+", "-", words)
 
 
@@ -85,4 +87,5 @@ def walks_of(settings: StudySettings) -> list[Walk]:
 def key_of(settings: StudySettings, policy: str, walk: Walk) -> EpisodeKey:
     """The log's key of an episode."""
     s = settings
-    return EpisodeKey(s.planner, s.depth, s.state, s.seed, s.width, policy, walk.walks, walk.number)
+    name, _, other = policy.partition(OF)
+    return EpisodeKey(other or s.planner, s.depth, s.state, s.seed, s.width, name, walk.walks, walk.number)

@@ -53,7 +53,7 @@ def pretended(monkeypatch):
     """Programs that only pretend to walk; the policies that were made."""
     made = []
 
-    def program_maker(command, planner):
+    def program_maker(command, planners):
         def make(policy, width, images):
             made.append(policy)
             return StubProgram(images)
@@ -80,17 +80,40 @@ def test_walks_are_logged_tabled_and_reported_and_not_repeated(finished_run, pre
     assert len(pretended) == 2 and "4 of 4 batches" in capsys.readouterr().out
 
 
+def test_networks_of_several_runs_walk_in_one_table(finished_run, pretended, tmp_path):
+    folder = finished_run.folder
+    policies = f"classical,networks,networks@{folder}"
+    assert evaluate.main(["--unseen-scenes", "0", "--scenes", "--no-videos", "--walks", "corridor", "--seeds", "2",
+                          "--policies", policies, "--out", str(tmp_path)]) == 0  # fmt: skip
+    assert pretended == ["classical", "networks", f"networks@{folder}, step 4"]
+    with (tmp_path / "episodes.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["policy"], row["planner"]) for row in rows[::2]] == [
+        ("classical", "pretrained"),
+        ("networks", "pretrained"),
+        ("networks", f"{folder}, step 4"),
+    ]
+    with (tmp_path / "navigation.csv").open() as stream:
+        assert {row["policy"] for row in csv.DictReader(stream)} == set(pretended)
+    assert len(list((tmp_path / "sheets").glob("*.png"))) == 3
+
+
 def test_a_stopped_command_says_how_to_go_on(finished_run, tmp_path, monkeypatch, capsys):
     def stopped(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(evaluate, "program_maker", lambda command, planner: stopped)
+    monkeypatch.setattr(evaluate, "program_maker", lambda command, planners: stopped)
     assert evaluate_walks_command(finished_run.folder, "--walks", "corridor", "--out", str(tmp_path)) == 130
     assert "goes on" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"), [(("--walks", "ballroom"), "ballroom"), (("--policies", "psychic"), "psychic")]
+    ("arguments", "words"),
+    [
+        (("--walks", "ballroom"), "ballroom"),
+        (("--policies", "psychic"), "psychic"),
+        (("--policies", "networks@nowhere"), "nowhere"),
+    ],
 )
 def test_unknown_walks_and_policies_are_one_sentence(finished_run, tmp_path, capsys, arguments, words):
     run = lambda: evaluate_walks_command(finished_run.folder, "--out", str(tmp_path), *arguments)  # noqa: E731
