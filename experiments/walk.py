@@ -24,7 +24,7 @@ from experiments.console import console, exit_with, progress_bar, say
 from experiments.walk_output import film, print_figures, push_forces, save_figures, save_pictures
 from experiments.walk_scene import PRETRAINED, SceneWalk, walk_in_scene
 from iwalker_jax.control.parameters import GaitParameters
-from iwalker_jax.errors import InputError
+from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.walk_metrics import robot_rows, walk_metrics, walk_record
 from iwalker_jax.simulation.mujoco_walking import roll_out_mujoco
 from iwalker_jax.simulation.walk_batch import BatchResult, WalkProgram
@@ -184,7 +184,7 @@ def main(arguments: list[str] | None = None) -> int:
         conditions = sample_conditions(walker.robot, disturbances, command.robots, command.seed, step_time)
         result = simulate(command, walker, model, walk, conditions)
         finish(command, walker, model, walk, conditions, result)
-    except (InputError, OSError) as error:
+    except (InputError, CheckpointError, OSError) as error:
         exit_with(error)
     return 0
 

@@ -1,6 +1,12 @@
-"""Which of this process's devices a program runs on."""
+"""Which of this process's devices a program runs on, and programs whose rows are split over them."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import jax
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from iwalker_jax.errors import InputError
 
@@ -16,3 +22,36 @@ def chosen_devices(count: int | None = None) -> list[jax.Device]:
     if not 1 <= count <= len(present):
         raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.local_devices().")
     return present[:count]
+
+
+class SplitProgram:
+    """A function of one row, compiled once for many rows that are split over devices.
+
+    Attributes:
+        everywhere, split: where what all rows share is placed, and where the rows are.
+    """
+
+    def __init__(self, one: Callable[..., Any], devices: list[jax.Device]) -> None:
+        """Take a function of what all rows share and of the arguments of one row; the compilation comes later."""
+        self._one = one
+        self._mesh = Mesh(np.array(devices), ("rows",))
+        self.everywhere = NamedSharding(self._mesh, PartitionSpec())
+        self.split = NamedSharding(self._mesh, PartitionSpec("rows"))
+        self._compiled: Callable[..., Any] | None = None
+
+    def whole(self, rows: int) -> int:
+        """A number of rows rounded up to the same number on every device."""
+        return -(-rows // self._mesh.size) * self._mesh.size
+
+    def compiled(self, shared: Any, *rows: Any) -> Callable[..., Any]:
+        """The program of (shared, *rows), rows first in every leaf; shapes are those of the first call."""
+        if self._compiled is None:
+
+            def many(shared: Any, *rows: Any) -> Any:
+                return jax.vmap(partial(self._one, shared))(*rows)
+
+            if self._mesh.size > 1:
+                specs = (self.everywhere.spec, *[self.split.spec] * len(rows))
+                many = jax.shard_map(many, mesh=self._mesh, in_specs=specs, out_specs=self.split.spec, check_vma=False)
+            self._compiled = jax.jit(many).lower(shared, *rows).compile()
+        return self._compiled

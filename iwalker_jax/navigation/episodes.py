@@ -4,19 +4,17 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
-from iwalker_jax.devices import chosen_devices
+from iwalker_jax.devices import SplitProgram, chosen_devices
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation.attitude import turn_about_vertical
 from iwalker_jax.geometry.planar import to_world, turn
-from iwalker_jax.navigation.closed_loop import LoopState, Navigator, run_episode, start_episode
+from iwalker_jax.navigation.closed_loop import Navigator, run_episode, start_episode
 from iwalker_jax.navigation.faults import Faults, make_faults
 from iwalker_jax.navigation.task import EpisodeRecord, Outcome, Task, TaskArrays, stack_tasks
 from iwalker_jax.simulation.walk_setup import Disturbances, sample_conditions
@@ -45,17 +43,16 @@ class EpisodeProgram:
             images: record depth and map of every frame.
             disturbances: from which each robot's friction, mass and start are drawn.
         """
-        chosen = chosen_devices(devices)
         if width < 1:
             raise InputError(f"Groups of {width} episodes were asked for; give at least 1.")
-        self.width = -(-width // len(chosen)) * len(chosen)
         self.frames = max(1, round(_CHUNK / navigator.frame_time))
         self.compile_seconds, self.run_seconds = 0.0, 0.0
-        self._mesh = Mesh(np.array(chosen), ("episodes",))
-        self._images, self._disturbances = images, disturbances
-        self.navigator = jax.device_put(navigator, NamedSharding(self._mesh, PartitionSpec()))
-        self._chunk: Callable[..., tuple[LoopState, EpisodeRecord]] | None = None
-        self._start: Callable[..., LoopState] | None = None
+        self._disturbances = disturbances
+        self._chunk = SplitProgram(partial(run_episode, frames=self.frames, images=images), chosen_devices(devices))
+        self.width = self._chunk.whole(width)
+        self.navigator = jax.device_put(navigator, self._chunk.everywhere)
+        many = jax.vmap(start_episode, in_axes=(None, 0, 0))
+        self._start = jax.jit(many, out_shardings=self._chunk.split)
 
     def run(
         self,
@@ -104,11 +101,9 @@ class EpisodeProgram:
         on_progress: Callable[[float, int], None],
     ) -> EpisodeRecord:
         began = time.perf_counter()
-        tasks, conditions, faults = jax.device_put(
-            (tasks, conditions, faults), NamedSharding(self._mesh, PartitionSpec("episodes"))
-        )
-        state = self._started(tasks, conditions)
-        chunk = self._compiled(tasks, conditions, faults, state)
+        tasks, conditions, faults = jax.device_put((tasks, conditions, faults), self._chunk.split)
+        state = self._start(self.navigator, tasks, conditions)
+        chunk = self._chunk.compiled(self.navigator, tasks, conditions, faults, state)
         self.compile_seconds += time.perf_counter() - began
         began = time.perf_counter()
         records: list[EpisodeRecord] = []
@@ -122,30 +117,6 @@ class EpisodeProgram:
                 break
         self.run_seconds += time.perf_counter() - began
         return jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=1), *records)
-
-    def _started(self, tasks: TaskArrays, conditions: Conditions) -> LoopState:
-        if self._start is None:
-            many = jax.vmap(start_episode, in_axes=(None, 0, 0))
-            self._start = jax.jit(many, out_shardings=NamedSharding(self._mesh, PartitionSpec("episodes")))
-        return self._start(self.navigator, tasks, conditions)
-
-    def _compiled(self, *arguments: Any) -> Callable[..., tuple[LoopState, EpisodeRecord]]:
-        if self._chunk is None:
-
-            def chunk(navigator: Navigator, *group: Any) -> tuple[LoopState, EpisodeRecord]:
-                return jax.vmap(partial(run_episode, navigator, frames=self.frames, images=self._images))(*group)
-
-            everywhere, split = PartitionSpec(), PartitionSpec("episodes")
-            if self._mesh.size > 1:
-                chunk = jax.shard_map(
-                    chunk,
-                    mesh=self._mesh,
-                    in_specs=(everywhere, split, split, split, split),
-                    out_specs=split,
-                    check_vma=False,
-                )
-            self._chunk = jax.jit(chunk).lower(self.navigator, *arguments).compile()
-        return self._chunk
 
 
 @jax.vmap

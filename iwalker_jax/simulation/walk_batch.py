@@ -8,12 +8,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait import STAND
-from iwalker_jax.devices import chosen_devices
+from iwalker_jax.devices import SplitProgram, chosen_devices
 from iwalker_jax.errors import InputError
 from iwalker_jax.simulation.walking import Conditions, Sample, Walker, WalkState, roll_out, start_walk
 
@@ -83,14 +82,14 @@ class WalkProgram:
             chunk: [s] of simulated time in one call.
             every: ticks between two records.
         """
-        chosen = chosen_devices(devices)
         if width < 1 or rows < 2:
             raise InputError(f"Groups of {width} robots and plans of {rows} rows; give at least 1 and 2.")
-        self.walker, self.rows, self.every = walker, rows, every
-        self.width = -(-min(width, LARGEST_GROUP) // len(chosen)) * len(chosen)
+        self.rows, self.every = rows, every
         self.samples = max(round(chunk / (walker.controller.time_step * every)), 1)
-        self._mesh = Mesh(np.array(chosen), ("robots",))
-        self._chunk: Callable[..., tuple[WalkState, Sample]] | None = None
+        self._chunk = SplitProgram(partial(roll_out, samples=self.samples, every=every), chosen_devices(devices))
+        self.width = self._chunk.whole(min(width, LARGEST_GROUP))
+        # The walker's numbers are arguments, so that they are not compiled in.
+        self.walker = jax.device_put(walker, self._chunk.everywhere)
         self._start = jax.jit(jax.vmap(start_walk, in_axes=(None, 0)))
 
     def run(
@@ -117,7 +116,7 @@ class WalkProgram:
         wanted = max(round(seconds / interval), 1)
         began = time.perf_counter()
         groups = [self._group(conditions, plan, first) for first in range(0, robots, self.width)]
-        compiled = self._compile(groups[0])
+        compiled = self._chunk.compiled(self.walker, *groups[0])
         compile_seconds, began = time.perf_counter() - began, time.perf_counter()
         records: list[Sample] = []
         broken: dict[int, BrokenRow] = {}
@@ -153,26 +152,7 @@ class WalkProgram:
         index = jnp.minimum(first + jnp.arange(self.width), conditions.friction.shape[0] - 1)
         conditions, plan = _take((conditions, plan), index)
         state = self._start(self.walker, conditions)
-        return jax.device_put(_Group(conditions, plan, state), NamedSharding(self._mesh, PartitionSpec("robots")))
-
-    def _compile(self, group: "_Group") -> Callable[..., tuple[WalkState, Sample]]:
-        """The program of one chunk; the walker's numbers are arguments, so that they are not compiled in."""
-        if self._chunk is None:
-
-            def chunk(
-                walker: Walker, conditions: Conditions, plan: FootstepPlan, state: WalkState
-            ) -> tuple[WalkState, Sample]:
-                one = partial(roll_out, walker, samples=self.samples, every=self.every)
-                return jax.vmap(one)(conditions, plan, state)
-
-            everywhere, split = PartitionSpec(), PartitionSpec("robots")
-            self.walker = jax.device_put(self.walker, NamedSharding(self._mesh, everywhere))
-            if self._mesh.size > 1:
-                chunk = jax.shard_map(
-                    chunk, mesh=self._mesh, in_specs=(everywhere, split, split, split), out_specs=split, check_vma=False
-                )
-            self._chunk = jax.jit(chunk).lower(self.walker, *group).compile()
-        return self._chunk
+        return jax.device_put(_Group(conditions, plan, state), self._chunk.split)
 
 
 class _Group(NamedTuple):

@@ -66,6 +66,7 @@ def test_the_study_asks_for_what_it_says():
         (["--friction", "1", "0.5"], "smaller first"),
         (["--motion", "path"], "give a file"),
         (["--devices", "99"], "devices"),
+        (["--scene", "office", "--policy", "nowhere"], "nowhere holds no checkpoints"),
     ],
 )
 def test_bad_options_are_one_sentence(tmp_path, capsys, options, words):
