@@ -66,13 +66,24 @@ def _pick(values: Array, row: Int[Array, "*b"]) -> Array:
 def _sweep(tableau: Array, column: Array, pivot: Array, here: Array, swap: Array, drop: Array) -> Array:
     """Sweep the row `here` where `swap` says so; unsweep it where `drop` does.
 
-    Row and column are cleared before one product writes them anew: nothing cancels, however large the pivot.
+    Row and column are cleared before one product writes them anew: nothing cancels, however large the pivot. Of a
+    batch two rows at a time are changed where they stand; as one expression they would be copied first.
     """
+    m = tableau.shape[0]
     at = here & swap
     keep = jnp.where(at, 0, 1).astype(tableau.dtype)
     edge = jnp.where(at, jnp.where(drop, 1, -1).astype(tableau.dtype), column)
     flux = jnp.where(swap, 1 / jnp.where(pivot == 0, 1, pivot), 0) * edge
-    return tableau * (keep[:, None] * keep[None]) - flux[:, None] * edge[None]
+
+    def change(tableau: Array, first: Array | int, count: int) -> Array:
+        rows, kept, share = (jax.lax.dynamic_slice_in_dim(a, first, count) for a in (tableau, keep, flux))
+        rows = rows * (kept[:, None] * keep[None]) - share[:, None] * edge[None]
+        return jax.lax.dynamic_update_slice_in_dim(tableau, rows, first, 0)
+
+    if tableau.ndim == 2:
+        return change(tableau, 0, m)
+    tableau = jax.lax.fori_loop(0, m // 2, lambda k, t: change(t, 2 * k, 2), tableau)
+    return change(tableau, m - 1, 1) if m % 2 else tableau
 
 
 def _start(

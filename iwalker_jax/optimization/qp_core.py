@@ -209,7 +209,9 @@ def solve_core(
         soft = jnp.where(state.elastic, ELASTIC[size], 0).astype(dtype)
         identity = jnp.eye(m, dtype=dtype).reshape((m, m) + (1,) * soft.ndim)
         begin = free + soft * state.y
-        found = search(factor.gram + soft * identity, begin, jnp.zeros_like(low), state.wish, slack, _LOOSE * slack)
+        # The first round is never elastic.
+        tableau = factor.gram if settings.rounds == 1 else factor.gram + soft * identity
+        found = search(tableau, begin, jnp.zeros_like(low), state.wish, slack, _LOOSE * slack)
 
         def refine(carry: tuple) -> tuple:
             found, point, y, settled, count = carry

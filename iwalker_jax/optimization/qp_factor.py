@@ -7,6 +7,7 @@ loops then vectorise over problems, which is several times faster on a CPU than 
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -39,30 +40,27 @@ class Factor(NamedTuple):
 
 def apply(matrix: Float[Array, "r c *b"], vector: Float[Array, "c *b"]) -> Float[Array, "r *b"]:
     """Matrix times vector."""
-    if vector.ndim == 1:
-        return matrix @ vector
-    begin = jnp.zeros((matrix.shape[0], *vector.shape[1:]), vector.dtype)
-    take = jax.lax.dynamic_index_in_dim
-
-    def add(k: Array, total: Array) -> Array:
-        return total + take(matrix, k, 1, keepdims=False) * take(vector, k, keepdims=False)
-
-    return jax.lax.fori_loop(0, vector.shape[0], add, begin)
+    return matrix @ vector if vector.ndim == 1 else _sum_of_products(matrix, vector, 1, vector.shape[0] // 2)
 
 
-def apply_transposed(
-    matrix: Float[Array, "r c *b"], vector: Float[Array, "r *b"], rows: int | Int[Array, ""] | None = None
-) -> Float[Array, "c *b"]:
-    """Matrix' times vector; of a batch only the first `rows`, if given: all others are zero."""
-    if vector.ndim == 1:
-        return vector @ matrix
-    begin = jnp.zeros((matrix.shape[1], *vector.shape[1:]), vector.dtype)
-    take = jax.lax.dynamic_index_in_dim
+def apply_transposed(matrix: Float[Array, "r c *b"], vector: Float[Array, "r *b"]) -> Float[Array, "c *b"]:
+    """Matrix' times vector."""
+    return vector @ matrix if vector.ndim == 1 else _sum_of_products(matrix, vector, 0, vector.shape[0] // 2)
 
-    def add(k: Array, total: Array) -> Array:
-        return total + take(matrix, k, keepdims=False) * take(vector, k, keepdims=False)
 
-    return jax.lax.fori_loop(0, vector.shape[0] if rows is None else rows, add, begin)
+def _sum_of_products(matrix: Array, vector: Array, axis: int, pairs: int | Int[Array, ""]) -> Array:
+    """Sum over an axis of the matrix, the first so many pairs of terms and the last one of an odd number.
+
+    Two terms at a time: the sum goes through the cache half as often.
+    """
+    take = partial(jax.lax.dynamic_index_in_dim, keepdims=False)
+
+    def term(k: Array | int) -> Array:
+        return take(matrix, k, axis) * take(vector, k)
+
+    begin = jnp.zeros((matrix.shape[1 - axis], *vector.shape[1:]), vector.dtype)
+    total = jax.lax.fori_loop(0, pairs, lambda k, total: total + term(2 * k) + term(2 * k + 1), begin)
+    return total + term(vector.shape[0] - 1) if vector.shape[0] % 2 else total
 
 
 def fold(operation: Callable[[Array, Array], Array], values: Float[Array, "m *b"]) -> Float[Array, "*b"]:
@@ -99,15 +97,15 @@ def factorise(P: Float[Array, "n n *b"], C: Float[Array, "m n *b"]) -> Factor:
     # One problem fits into the first-level cache whole; of a batch only what is being written does.
     done, excess, smallest = _eliminate_all(start) if P.ndim == 2 else _row_by_row(start)
     rows = done[:, n : n + m]
-    gram = _gram(rows)
-    square = jnp.stack([gram[i, i] for i in range(m)])
+    square = jax.lax.fori_loop(1, n, lambda k, total: total + rows[k] * rows[k], rows[0] * rows[0])
     lengths = jnp.where(square > tiny, jax.lax.rsqrt(jnp.maximum(square, tiny)), 0)
+    rows = rows * lengths[None]
     return Factor(
         root=done[:, n + m :] * scale[None],
         excess=excess / (scale * scale),
-        rows=rows * lengths[None],
+        rows=rows,
         lengths=lengths,
-        gram=gram * lengths[:, None] * lengths[None],
+        gram=_gram(rows),
         pivot=smallest,
     )
 
@@ -151,7 +149,8 @@ def _row_by_row(
 
     def add_row(k: Array, carry: tuple) -> tuple:
         done, excess, smallest = carry  # rows from k on are still zero
-        line = take(stack, k, keepdims=False) - apply_transposed(done, take(done, k, 1, keepdims=False), k)
+        above = take(done, k, 1, keepdims=False)
+        line = take(stack, k, keepdims=False) - _sum_of_products(done, above, 0, (k + 1) // 2)
         line, own, lifting = _scale_row(line, k, n)
         done = jax.lax.dynamic_update_index_in_dim(done, line, k, 0)
         return done, excess + lifting, jnp.minimum(smallest, own)
