@@ -7,10 +7,7 @@ machine's, not its neighbours'.
 
 import argparse
 import dataclasses
-import os
-import platform
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,6 +21,7 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from flax import nnx  # noqa: E402
 
+from benchmarks.timing import machine, timed  # noqa: E402
 from experiments.planner import planner_of  # noqa: E402
 from iwalker_jax.control.controller import control_step  # noqa: E402
 from iwalker_jax.navigation.camera import camera_in_world  # noqa: E402
@@ -58,17 +56,6 @@ TICKS = 33
 """Control ticks that are timed in one call: those of a camera frame."""
 
 
-def best(call: Callable, *arguments: Any) -> float:
-    """Seconds of the fastest of several calls of a compiled function."""
-    jax.block_until_ready(call(*arguments))
-    times = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        jax.block_until_ready(call(*arguments))
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
 class Setting:
     """A batch of robots in mid-episode, with everything that the parts need."""
 
@@ -86,7 +73,7 @@ class Setting:
 
     def time(self, part: Callable, *arguments: Any) -> float:
         """Milliseconds a robot of one call."""
-        return 1e3 * best(jax.jit(jax.vmap(part)), *arguments) / self.count
+        return 1e3 * timed(jax.jit(jax.vmap(part)), *arguments, repeats=REPEATS).best / self.count
 
 
 def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
@@ -183,12 +170,15 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
     config = planner.config
     mount = config.ipath.mount.as_array()[None]
 
+    def rate(call: Callable, *arguments: Any) -> float:
+        return 1 / timed(call, *arguments, repeats=REPEATS).best
+
     def ipath_rate(network: Planner) -> float:
         sizes = network.config.ipath
         depth = jnp.full((1, sizes.height, sizes.width), 2.0)
         graph, params = nnx.split(network, nnx.Param)
         call = jax.jit(lambda p, d: nnx.merge(graph, p).plan_path(d, jnp.ones((1, 2)), mount)[0])
-        return 1 / best(call, params, depth)
+        return rate(call, params, depth)
 
     controller = navigator.walker.controller
     setting = Setting(navigator, generated_tasks(1), warm=15)
@@ -211,12 +201,12 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
         "iPath (default)": ipath_rate(planner),
         "iPath (paper, 90 x 160)": ipath_rate(Planner(PlannerConfig(ipath=published), nnx.Rngs(0))),
         "iPath (paper, 360 x 640)": ipath_rate(Planner(PlannerConfig(ipath=large), nnx.Rngs(0))),
-        "iStepper and course": 1 / best(step, params, path),
-        "rigid-body terms and control": 1 / best(jax.jit(control), walk.physics.qpos, walk.physics.qvel),
+        "iStepper and course": rate(step, params, path),
+        "rigid-body terms and control": rate(jax.jit(control), walk.physics.qpos, walk.physics.qvel),
     }
     print("\nOne robot, one call at a time")
-    for name, rate in rates.items():
-        print(f"{name:<30} {rate:>10.0f} Hz")
+    for name, each in rates.items():
+        print(f"{name:<30} {each:>10.0f} Hz")
 
 
 def main() -> None:
@@ -229,7 +219,7 @@ def main() -> None:
     options = parser.parse_args()
     planner = planner_of(options.run)[0]
     navigator = make_navigator("default", planner)
-    print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, jax {jax.__version__}")
+    print(machine())
     print_latency(navigator, planner)
     print_parts(parts_of(Setting(navigator, generated_tasks(1))), "One robot")
     print_parts(parts_of(Setting(navigator, generated_tasks(16))), "A batch of 16 on one device")

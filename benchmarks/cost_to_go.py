@@ -3,10 +3,6 @@
 Run with `python -m benchmarks.cost_to_go`. Dijkstra gets its graph ready-made; building it is not timed.
 """
 
-import os
-import platform
-import time
-from collections.abc import Callable
 from functools import partial
 
 from iwalker_jax.runtime import configure_runtime
@@ -21,6 +17,7 @@ from scipy.ndimage import distance_transform_edt  # noqa: E402
 from scipy.sparse import csr_matrix  # noqa: E402
 from scipy.sparse.csgraph import dijkstra  # noqa: E402
 
+from benchmarks.timing import compiled, in_turns, machine  # noqa: E402
 from iwalker_jax.optimization.solution import Solution  # noqa: E402
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go  # noqa: E402
 from iwalker_jax.perception.grid import GridSpec  # noqa: E402
@@ -69,17 +66,6 @@ def graph(cost: np.ndarray, resolution: float) -> csr_matrix:
     return csr_matrix((np.concatenate(weights), ends), shape=(cost.size, cost.size))
 
 
-def milliseconds(calls: dict[str, Callable[[], object]]) -> dict[str, tuple[float, float]]:
-    """Best and median time [ms] of each call, taken in turns so that a busy machine slows all of them alike."""
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(REPEATS):
-        for name, call in calls.items():
-            start = time.perf_counter()
-            jax.block_until_ready(call())
-            times[name].append(1e3 * (time.perf_counter() - start))
-    return {name: (min(t), float(np.median(t))) for name, t in times.items()}
-
-
 def worst_error(costs: np.ndarray, solution: Solution, grid: GridSpec) -> float:
     """Largest relative difference from Dijkstra over every eighth map."""
     worst = 0.0
@@ -98,10 +84,7 @@ def worst_error(costs: np.ndarray, solution: Solution, grid: GridSpec) -> float:
 
 def main() -> None:
     """Print the table."""
-    print(
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, jax {jax.__version__}, "
-        f"SciPy {scipy.__version__}; milliseconds a map, best (median) of {REPEATS}"
-    )
+    print(f"{machine()}, SciPy {scipy.__version__}; milliseconds a map, best (median) of {REPEATS}")
     print(
         f"{'size':>4} {'map':<15} {'rel. error':>10} {'rounds':>6} {'single':>15} {f'batch of {BATCH}':>15} "
         f"{'Dijkstra':>15} {'batch/Dijkstra':>14}"
@@ -112,29 +95,26 @@ def main() -> None:
         goals = jnp.asarray(rng.uniform(0, grid.x_max, (BATCH, 2)), jnp.float32)
         single = jax.jit(partial(cost_to_go, grid=grid))
         shapes = (jax.ShapeDtypeStruct((BATCH, *grid.shape), jnp.float32), goals)
-        start = time.perf_counter()
-        batched = jax.jit(jax.vmap(partial(cost_to_go, grid=grid))).lower(*shapes).compile()
-        compiled = time.perf_counter() - start
+        batched, taken = compiled(jax.jit(jax.vmap(partial(cost_to_go, grid=grid))), *shapes)
         for name, maps in test_maps(size, grid.resolution, rng).items():
             costs = jnp.asarray(maps)
-            solution = jax.block_until_ready(batched(costs, goals))
-            jax.block_until_ready(single(costs[0], goals[0]))
+            solution = batched(costs, goals)
             source = np.floor(np.asarray(solution.value.goal[0]) / grid.resolution).astype(int) @ [size, 1]
-            times = milliseconds(
+            times = in_turns(
                 {
                     "single": partial(single, costs[0], goals[0]),
                     "batch": partial(batched, costs, goals),
                     "peer": partial(dijkstra, graph(maps[0], grid.resolution), directed=False, indices=source),
-                }
+                },
+                REPEATS,
             )
-            many = [t / BATCH for t in times["batch"]]
+            one, many, peer = times["single"], times["batch"].each(BATCH), times["peer"]
             print(
                 f"{size:>4} {name:<15} {worst_error(maps, solution, grid):10.1e} "
-                f"{np.mean(solution.iterations):6.1f} {times['single'][0]:7.2f} ({times['single'][1]:5.2f}) "
-                f"{many[0]:7.2f} ({many[1]:5.2f}) {times['peer'][0]:7.2f} ({times['peer'][1]:5.2f}) "
-                f"{many[0] / times['peer'][0]:14.2f}"
+                f"{np.mean(solution.iterations):6.1f} {one.milliseconds():>15} {many.milliseconds():>15} "
+                f"{peer.milliseconds():>15} {many.best / peer.best:14.2f}"
             )
-        print(f"{size:>4} batch compiled, or loaded from the compilation cache, in {compiled:.2f} s")
+        print(f"{size:>4} batch compiled, or loaded from the compilation cache, in {taken:.2f} s")
 
 
 if __name__ == "__main__":

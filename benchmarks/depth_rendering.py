@@ -3,12 +3,6 @@
 Run with `python -m benchmarks.depth_rendering`.
 """
 
-import os
-import platform
-import time
-from collections.abc import Callable
-from typing import Any
-
 from iwalker_jax.runtime import configure_runtime
 
 configure_runtime()
@@ -18,6 +12,7 @@ import jax.numpy as jnp  # noqa: E402
 import mujoco  # noqa: E402
 import numpy as np  # noqa: E402
 
+from benchmarks.timing import machine, timed  # noqa: E402
 from iwalker_jax.perception.camera import CameraMount, Intrinsics  # noqa: E402
 from iwalker_jax.simulation.families import generate_scene  # noqa: E402
 from iwalker_jax.simulation.mjcf import load_scene, ray_depth  # noqa: E402
@@ -28,16 +23,6 @@ SIZES = ((160, 80), (160, 90), (320, 160), (640, 320))
 SCENES = (("living_room", 1), ("factory_hall", 0), ("open_office", 1), ("lobby", 0))
 BATCH = 16
 REPEATS = 15
-
-
-def seconds(call: Callable, *arguments: Any, repeats: int = REPEATS) -> np.ndarray:
-    """Wall time [s] of each of a few calls."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        jax.block_until_ready(call(*arguments))
-        times.append(time.perf_counter() - start)
-    return np.asarray(times)
 
 
 def main() -> None:
@@ -56,8 +41,8 @@ def main() -> None:
             views.append((i, *world_camera_pose(jnp.asarray([x, y, yaw], jnp.float32), mount)))
     counts = [len(scene.boxes) + len(scene.cylinders) for scene in scenes]
     print(
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, jax {jax.__version__}, "
-        f"mujoco {mujoco.__version__}; scenes of {counts} geoms; images a second, best and median over {REPEATS} runs"
+        f"{machine()}, mujoco {mujoco.__version__}; scenes of {counts} geoms; "
+        f"images a second, best and median over {REPEATS} runs"
     )
     print(
         f"{'size':>9} {'compile s':>9} {'single best':>11} {'median':>7} {'slowest view':>12} {'batch poses':>11} "
@@ -78,31 +63,27 @@ def report(intrinsics: Intrinsics, arrays: list, peers: list, stacked: object, v
     single = jax.jit(lambda s, R, p: render_depth(s, intrinsics, R, p))
     over_poses = jax.jit(jax.vmap(lambda s, R, p: render_depth(s, intrinsics, R, p), in_axes=(None, 0, 0)))
     over_scenes = jax.jit(jax.vmap(lambda s, R, p: render_depth(s, intrinsics, R, p)))
-    start = time.perf_counter()
-    jax.block_until_ready(single(arrays[0], *views[0][1:]))
-    compile_time = time.perf_counter() - start
 
     ours, theirs, apart = [], [], []
     for i, R, p in views:
-        ours.append(seconds(single, arrays[i], R, p))
+        ours.append(timed(single, arrays[i], R, p, repeats=REPEATS))
         model, data = peers[i]
         R_host, p_host = np.asarray(R), np.asarray(p)
-        theirs.append(seconds(ray_depth, model, data, intrinsics, R_host, p_host, repeats=3))
+        theirs.append(timed(ray_depth, model, data, intrinsics, R_host, p_host, repeats=3))
         peer = ray_depth(model, data, intrinsics, R_host, p_host)
         apart.append((abs(np.asarray(single(arrays[i], R, p)) - peer) > 1e-4).mean())
     own = [views[k % 4] for k in range(BATCH)]
     mixed = [views[4 * (k % len(arrays)) + (k // len(arrays)) % 4] for k in range(BATCH)]
     one_scene = arrays[0], jnp.stack([v[1] for v in own]), jnp.stack([v[2] for v in own])
     many_scenes = stacked, jnp.stack([v[1] for v in mixed]), jnp.stack([v[2] for v in mixed])
-    jax.block_until_ready((over_poses(*one_scene), over_scenes(*many_scenes)))
-    pose_rate = BATCH / seconds(over_poses, *one_scene).min()
-    scene_rate = BATCH / seconds(over_scenes, *many_scenes).min()
-    best = 1 / np.mean([t.min() for t in ours])
-    median = 1 / np.mean([np.median(t) for t in ours])
-    slowest = 1 / max(t.min() for t in ours)
-    rays = 1 / np.mean([t.min() for t in theirs])
+    pose_rate = BATCH / timed(over_poses, *one_scene, repeats=REPEATS).best
+    scene_rate = BATCH / timed(over_scenes, *many_scenes, repeats=REPEATS).best
+    best = 1 / np.mean([t.best for t in ours])
+    median = 1 / np.mean([t.median for t in ours])
+    slowest = 1 / max(t.best for t in ours)
+    rays = 1 / np.mean([t.best for t in theirs])
     print(
-        f"{intrinsics.width:>5}x{intrinsics.height:<3} {compile_time:>9.2f} {best:>11.0f} {median:>7.0f} "
+        f"{intrinsics.width:>5}x{intrinsics.height:<3} {ours[0].first:>9.2f} {best:>11.0f} {median:>7.0f} "
         f"{slowest:>12.0f} {pose_rate:>11.0f} {scene_rate:>12.0f} {rays:>11.0f} {best / rays:>6.1f} "
         f"{np.mean(apart):>22.5%}"
     )

@@ -3,10 +3,6 @@
 Run with `python -m benchmarks.distance_field`. Both peers do the same two-sided work: one transform a side.
 """
 
-import os
-import platform
-import time
-from collections.abc import Callable
 from functools import partial
 
 from iwalker_jax.runtime import configure_runtime
@@ -20,6 +16,7 @@ import numpy as np  # noqa: E402
 import scipy  # noqa: E402
 from scipy.ndimage import distance_transform_edt  # noqa: E402
 
+from benchmarks.timing import compiled, in_turns, machine  # noqa: E402
 from iwalker_jax.perception.distance_field import signed_distance_field  # noqa: E402
 
 SIZES = (100, 160, 200, 400, 512)
@@ -81,23 +78,9 @@ def by_opencv_all(maps: np.ndarray) -> list[np.ndarray]:
     return [by_opencv(occupied) for occupied in maps]
 
 
-def milliseconds(calls: dict[str, Callable[[], object]], repeats: int) -> dict[str, tuple[float, float]]:
-    """Best and median time [ms] of each call, taken in turns so that a busy machine slows all of them alike."""
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(repeats):
-        for name, call in calls.items():
-            start = time.perf_counter()
-            jax.block_until_ready(call())
-            times[name].append(1e3 * (time.perf_counter() - start))
-    return {name: (min(t), float(np.median(t))) for name, t in times.items()}
-
-
 def main() -> None:
     """Print the table."""
-    print(
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, jax {jax.__version__}, "
-        f"SciPy {scipy.__version__}, OpenCV {cv2.__version__} on {cv2.getNumThreads()} threads"
-    )
+    print(f"{machine()}, SciPy {scipy.__version__}, OpenCV {cv2.__version__} on {cv2.getNumThreads()} threads")
     print(f"milliseconds a map, best (median); batch of {BATCH}; ratios of the best: below 1 the library is faster")
     print(
         f"{'size':>4} {'map':<14} {'error m':>8} {'single':>13} {'batch':>13} {'SciPy':>13} {'one side':>8} "
@@ -106,14 +89,12 @@ def main() -> None:
     single = jax.jit(lambda occupied: signed_distance_field(occupied, RESOLUTION))
     batched = jax.jit(jax.vmap(lambda occupied: signed_distance_field(occupied, RESOLUTION)))
     for size in SIZES:
-        start = time.perf_counter()
-        single.lower(jax.ShapeDtypeStruct((size, size), bool)).compile()
-        compiled = time.perf_counter() - start
+        taken = compiled(single, jax.ShapeDtypeStruct((size, size), bool))[1]
         for name, maps in test_maps(size).items():
             first, device = jnp.asarray(maps[0]), jnp.asarray(maps)
             error = max(np.abs(np.asarray(field) - by_scipy(m)).max() for field, m in zip(batched(device), maps))
             error = max(error, np.abs(np.asarray(single(first)) - by_scipy(maps[0])).max())
-            one = milliseconds(
+            one = in_turns(
                 {
                     "single": partial(single, first),
                     "scipy": partial(by_scipy, maps[0]),
@@ -121,18 +102,14 @@ def main() -> None:
                 },
                 repeats=9,
             )
-            many = milliseconds({"batch": partial(batched, device), "opencv": partial(by_opencv_all, maps)}, repeats=5)
-            batch, opencv = ((best / BATCH, median / BATCH) for best, median in many.values())
+            many = in_turns({"batch": partial(batched, device), "opencv": partial(by_opencv_all, maps)}, repeats=5)
+            batch, opencv = (times.each(BATCH) for times in many.values())
             print(
-                f"{size:>4} {name:<14} {error:8.1e} {_cell(one['single'])} {_cell(batch)} {_cell(one['scipy'])} "
-                f"{one['one side'][0]:8.2f} {_cell(opencv)} {one['single'][0] / one['scipy'][0]:12.2f} "
-                f"{batch[0] / opencv[0]:12.2f}"
+                f"{size:>4} {name:<14} {error:8.1e} {one['single'].milliseconds():>13} {batch.milliseconds():>13} "
+                f"{one['scipy'].milliseconds():>13} {1e3 * one['one side'].best:8.2f} {opencv.milliseconds():>13} "
+                f"{one['single'].best / one['scipy'].best:12.2f} {batch.best / opencv.best:12.2f}"
             )
-        print(f"{size:>4} single map compiled, or loaded from the compilation cache, in {compiled:.2f} s")
-
-
-def _cell(best_and_median: tuple[float, float]) -> str:
-    return f"{best_and_median[0]:5.2f} ({best_and_median[1]:5.2f})"
+        print(f"{size:>4} single map compiled, or loaded from the compilation cache, in {taken:.2f} s")
 
 
 if __name__ == "__main__":

@@ -5,8 +5,6 @@ without noise: recall is the share of occupied cells found again within one cell
 0.1 m from any obstacle of the scene.
 """
 
-import platform
-import time
 from collections.abc import Callable
 
 from iwalker_jax.runtime import configure_runtime
@@ -18,6 +16,7 @@ import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 
+from benchmarks.timing import machine, timed  # noqa: E402
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject  # noqa: E402
 from iwalker_jax.perception.collision_map import (  # noqa: E402
     DEFAULT_RULES,
@@ -39,18 +38,6 @@ BATCH = 16
 REPEATS = 40
 VIEWS = 45
 RANGES = ((0.0, 2.0), (2.0, 3.0), (3.0, 4.0), (4.0, 7.0))
-
-
-def timed(function: Callable, *arguments: jax.Array | np.ndarray) -> tuple[float, float, float]:
-    """(first call [s], min [ms], median [ms]) of a call that ends when its result is ready."""
-    start = time.perf_counter()
-    jax.block_until_ready(function(*arguments))
-    first, times = time.perf_counter() - start, []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        jax.block_until_ready(function(*arguments))
-        times.append(1e3 * (time.perf_counter() - start))
-    return first, min(times), float(np.median(times))
 
 
 def numpy_published(depth: np.ndarray, points: np.ndarray, height: float) -> np.ndarray:
@@ -94,16 +81,19 @@ def speed_table(depth: jax.Array, mount: jax.Array) -> None:
     }
     print(f"{'stage':36s} {'first call':>10s} {'min':>8s} {'median':>8s}   batch of {BATCH}, a frame")
     for name, (function, arguments) in stages.items():
-        first, least, median = timed(jax.jit(function), *arguments)
+        one = timed(jax.jit(function), *arguments, repeats=REPEATS)
         many = [jnp.stack([argument] * BATCH) for argument in arguments]
-        _, batch_least, batch_median = timed(jax.jit(jax.vmap(function)), *many)
+        each = timed(jax.jit(jax.vmap(function)), *many, repeats=REPEATS).each(BATCH)
         print(
-            f"{name:36s} {first:8.2f} s {least:8.3f} {median:8.3f}   "
-            f"min {batch_least / BATCH:.3f}, median {batch_median / BATCH:.3f} ms"
+            f"{name:36s} {one.first:8.2f} s {1e3 * one.best:8.3f} {1e3 * one.median:8.3f}   "
+            f"min {1e3 * each.best:.3f}, median {1e3 * each.median:.3f} ms"
         )
     points = np.asarray(backproject(depth, INTRINSICS, mount))
-    _, least, median = timed(lambda: numpy_published(np.asarray(depth), points, float(mount[0])))
-    print(f"{'peer: published map, NumPy + OpenCV':36s} {'':10s} {least:8.3f} {median:8.3f}   (points ready-made)")
+    peer = timed(lambda: numpy_published(np.asarray(depth), points, float(mount[0])), repeats=REPEATS)
+    print(
+        f"{'peer: published map, NumPy + OpenCV':36s} {'':10s} {1e3 * peer.best:8.3f} {1e3 * peer.median:8.3f}   "
+        f"(points ready-made)"
+    )
 
 
 def quality_table(frames: list[tuple[SceneArrays, jax.Array, jax.Array]]) -> None:
@@ -133,7 +123,7 @@ def quality_table(frames: list[tuple[SceneArrays, jax.Array, jax.Array]]) -> Non
 
 
 def main() -> None:
-    print(f"{platform.processor() or platform.machine()}, {jax.devices()[0].device_kind}, jax {jax.__version__}\n")
+    print(f"{machine()}\n")
     frames = views(VIEWS)
     scene, pose, mount = frames[0]
     depth = jax.jit(lambda s, p, m: render_depth(s, INTRINSICS, *world_camera_pose(p, m)))(scene, pose, mount)

@@ -5,10 +5,7 @@ programs (stacked P, q, C, low, high as written by `QuadraticProgram.save`, one 
 """
 
 import argparse
-import os
-import platform
 import sys
-import time
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
@@ -26,6 +23,7 @@ import quadprog  # noqa: E402
 import scipy.sparse as sparse  # noqa: E402
 from jax.sharding import Mesh, PartitionSpec  # noqa: E402
 
+from benchmarks.timing import compiled, machine, timed  # noqa: E402
 from benchmarks.ugly_qps import ugly_qps  # noqa: E402
 from benchmarks.whole_body_qps import whole_body_qps  # noqa: E402
 from iwalker_jax.optimization import (  # noqa: E402
@@ -118,20 +116,14 @@ def scan_walk(stack: QuadraticProgram, batch: int, settings: QpSettings) -> Call
         mesh = Mesh(np.asarray(jax.devices()), ("robots",))
         robots, ticks = PartitionSpec("robots"), PartitionSpec(None, "robots")
         walk = jax.shard_map(walk, mesh=mesh, in_specs=(robots, ticks), out_specs=ticks, check_vma=False)
-    begin = time.perf_counter()
-    compiled = jax.jit(walk).lower(start, stack).compile()
-    print(f"    batch {batch}: compiled, or loaded from the cache, in {time.perf_counter() - begin:.1f} s")
-    return partial(compiled, start, stack)
+    program, taken = compiled(jax.jit(walk), start, stack)
+    print(f"    batch {batch}: compiled, or loaded from the cache, in {taken:.1f} s")
+    return partial(program, start, stack)
 
 
-def seconds(call: Callable[[], object]) -> tuple[float, float]:
-    """Best and median of several runs."""
-    times = []
-    for _ in range(REPEATS):
-        begin = time.perf_counter()
-        jax.block_until_ready(call())
-        times.append(time.perf_counter() - begin)
-    return min(times), float(np.median(times))
+def solve_all(solvers: list[Callable], answers: list[np.ndarray]) -> None:
+    """Solve program after program; no value is returned, so that none is searched for JAX arrays in the time."""
+    answers[:] = [solve() for solve in solvers]
 
 
 def quality(x: np.ndarray, expected: np.ndarray, problems: Arrays, torque_map: np.ndarray, offset: np.ndarray) -> str:
@@ -157,26 +149,21 @@ def compare(name: str, problems: Arrays, torque_map: np.ndarray, offset: np.ndar
         peers["ProxQP 1e-6"] = proxqp_solver
     for peer, make in peers.items():
         solvers = [make(*(a[t] for a in problems)) for t in range(length)]
-        times, answers = [], []
-        for _ in range(3):
-            begin = time.perf_counter()
-            answers = [solve() for solve in solvers]
-            times.append((time.perf_counter() - begin) / length)
-        rated = quality(np.stack(answers), expected, problems, torque_map, offset)
-        lines.append((peer, 1, min(times), float(np.median(times)), rated, ""))
+        answers: list[np.ndarray] = []
+        each = timed(solve_all, solvers, answers, repeats=3).each(length)
+        lines.append((peer, 1, each, quality(np.stack(answers), expected, problems, torque_map, offset), ""))
     for label, settings in (("control", control_settings()), ("default", QpSettings())):
         for batch in batches if label == "control" else batches[:2]:
             call = scan_walk(stack, batch, settings)
-            solution = jax.block_until_ready(call())
-            best, median = seconds(call)
+            solution, each = call(), timed(call, repeats=REPEATS).each(length * batch)
             x = np.asarray(solution.value.x if batch == 1 else solution.value.x[:, 0], float)
             converged, pivots = np.mean(solution.status == Status.CONVERGED), np.mean(solution.iterations)
             rated = quality(x, expected, problems, torque_map, offset)
             note = f"{100 * converged:.1f} % converged, {pivots:.1f} pivots"
-            lines.append((f"ours, {label}", batch, best / length / batch, median / length / batch, rated, note))
+            lines.append((f"ours, {label}", batch, each, rated, note))
     print(f"  {'solver':<15} {'batch':>5} {'us a QP':>16}   torque error 50 / 99 / 100 %   violation")
-    for solver, batch, best, median, rated, note in lines:
-        print(f"  {solver:<15} {batch:>5} {1e6 * best:7.1f} ({1e6 * median:6.1f}) {rated}   {note}")
+    for solver, batch, each, rated, note in lines:
+        print(f"  {solver:<15} {batch:>5} {1e6 * each.best:7.1f} ({1e6 * each.median:6.1f}) {rated}   {note}")
 
 
 def ugly_statuses(seeds: int) -> None:
@@ -203,10 +190,7 @@ def main() -> None:
     parser.add_argument("--ticks", type=int, default=250)
     arguments = parser.parse_args()
     batches = tuple(arguments.batches)
-    print(
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {jax.device_count()} devices, "
-        f"jax {jax.__version__}; microseconds a QP, best (median); peers in double precision on one core"
-    )
+    print(f"{machine()}; microseconds a QP, best (median); peers in double precision on one core")
     if arguments.file:
         stack = load_program(arguments.file)
         problems = tuple(a[: arguments.ticks].astype(float) for a in stack.arrays())

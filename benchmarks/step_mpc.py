@@ -3,9 +3,6 @@
 Run: python -m benchmarks.step_mpc [--horizon 20] [--batch 16]
 """
 
-import os
-import platform
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -23,6 +20,7 @@ from jaxtyping import Array  # noqa: E402
 from scipy import sparse  # noqa: E402
 
 from benchmarks.step_qp import StepQp, build_step_qp, irregular_walk  # noqa: E402
+from benchmarks.timing import machine, timed  # noqa: E402
 from iwalker_jax.optimization.hlip import HlipParameters  # noqa: E402
 from iwalker_jax.optimization.solution import Status  # noqa: E402
 from iwalker_jax.optimization.step_mpc import solve_step_mpc  # noqa: E402
@@ -48,19 +46,6 @@ class Config:
     batch: int = 16
     noise: float = 0.02
     repeats: int = 100
-
-
-def clock(call: Callable[[], object], repeats: int) -> tuple[float, float, float]:
-    """First call, fastest and median time of a call [ms]."""
-    begin = time.perf_counter()
-    jax.block_until_ready(call())
-    first = time.perf_counter() - begin
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        jax.block_until_ready(call())
-        times.append(time.perf_counter() - begin)
-    return 1e3 * first, 1e3 * min(times), 1e3 * float(np.median(times))
 
 
 def clarabel_solver(qp: StepQp, low: np.ndarray, high: np.ndarray) -> clarabel.DefaultSolver:
@@ -101,9 +86,9 @@ def osqp_solver(qp: StepQp, low: np.ndarray, high: np.ndarray, tolerance: float)
 
 def row(name: str, call: Callable[[], object], count: int, error: float, repeats: int) -> float:
     """Print one line and return the time of one problem [ms]."""
-    first, least, median = clock(call, repeats)
-    print(f"{name:34s}{first:10.1f}{least:10.3f}{median:10.3f}{least / count:11.4f}{error:12.1e}")
-    return least / count
+    first, best, median = (1e3 * seconds for seconds in timed(call, repeats=repeats))
+    print(f"{name:34s}{first:10.1f}{best:10.3f}{median:10.3f}{best / count:11.4f}{error:12.1e}")
+    return best / count
 
 
 def compare(title: str, plan: Plan, low: np.ndarray, high: np.ndarray, config: Config) -> None:
@@ -152,7 +137,7 @@ def bounded_plan(f: Array, x: Array, h: Array) -> tuple[Array, Array]:
 
 def main(config: Config) -> None:
     """Print one table for the closed-form MPC and one for the bounded one."""
-    print(f"{platform.machine()}, {os.cpu_count()} cores, jax {jax.__version__}, float32; peers in float64")
+    print(f"{machine()}, float32; peers in float64")
     print(f"N = {config.horizon}, batch {config.batch}, footsteps irregular by {config.noise} m")
     low, high = (np.ravel(x) for x in step_bounds(StepReach(), jnp.asarray(1.0), config.horizon))
     infinite = np.full_like(high, np.inf)

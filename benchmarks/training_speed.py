@@ -8,10 +8,6 @@ before training, so their price is shown apart. `--paper` adds the published net
 
 import argparse
 import dataclasses
-import os
-import platform
-import statistics
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -25,6 +21,7 @@ import numpy as np  # noqa: E402
 import optax  # noqa: E402
 from flax import nnx  # noqa: E402
 
+from benchmarks.timing import in_turns, machine, timed  # noqa: E402
 from iwalker_jax.geometry.splines import resample_by_arc_length  # noqa: E402
 from iwalker_jax.optimization.step_mpc import solve_step_mpc  # noqa: E402
 from iwalker_jax.optimization.unicycle import initial_state_from_reference  # noqa: E402
@@ -118,21 +115,6 @@ def lower_levels(config: TrainConfig, batch: Batch, plan: Any) -> dict[str, Call
     }
 
 
-def timed(calls: dict[str, Callable[[], Any]], repeats: int) -> tuple[dict[str, list[float]], float]:
-    """Milliseconds of each call, taken in turns so that a busy machine slows all alike; seconds of the first calls."""
-    begun = time.perf_counter()
-    for call in calls.values():
-        jax.block_until_ready(call())
-    first = time.perf_counter() - begun
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(repeats):
-        for name, call in calls.items():
-            begun = time.perf_counter()
-            jax.block_until_ready(call())
-            times[name].append(1e3 * (time.perf_counter() - begun))
-    return times, first
-
-
 def measure(name: str, config: TrainConfig, data: TrainingData, repeats: int) -> None:
     """Print one configuration's speed and the parts of its step."""
     whole = WholeStep(config, data)
@@ -151,7 +133,8 @@ def measure(name: str, config: TrainConfig, data: TrainingData, repeats: int) ->
         "gather": lambda: gather(index),
         **lower_levels(config, batch, plan),
     }
-    times, compiled = timed(calls, repeats)
+    times = in_turns(calls, repeats)
+    compiled = sum(part.first for part in times.values())
     count = sum(leaf.size for leaf in jax.tree.leaves(params))
     print(
         f"\n{name}, {count / 1e6:.1f} M parameters, batch {config.batch_size}: {compiled:.0f} s of compilation, "
@@ -159,14 +142,13 @@ def measure(name: str, config: TrainConfig, data: TrainingData, repeats: int) ->
     )
     print(f"  {'part':<16} {'min ms':>8} {'median ms':>10} {'of the step':>12}")
     full = times["whole step"]
-    for part, values in times.items():
-        share = min(values) / min(full)
-        print(f"  {part:<16} {min(values):8.1f} {statistics.median(values):10.1f} {share:12.0%}")
-    rest = 1 - min(times["network, Adam"]) / min(full)
-    slower = min(full) / min(times["network alone"])
+    for part, (_, best, median) in times.items():
+        print(f"  {part:<16} {1e3 * best:8.1f} {1e3 * median:10.1f} {best / full.best:12.0%}")
+    rest = 1 - times["network, Adam"].best / full.best
+    slower = full.best / times["network alone"].best
     print(f"  MPCs, losses and gathering: {rest:.0%} of the step; the step is {slower:.2f} x the network alone (peer)")
-    rate = 1e3 * config.batch_size
-    print(f"  {rate / min(full):.1f} frames/s at best, {rate / statistics.median(full):.1f} median")
+    step = full.each(config.batch_size)
+    print(f"  {1 / step.best:.1f} frames/s at best, {1 / step.median:.1f} median")
 
 
 def measure_maps(config: TrainConfig, frames: FrameSet, repeats: int) -> None:
@@ -175,12 +157,12 @@ def measure_maps(config: TrainConfig, frames: FrameSet, repeats: int) -> None:
     many = jax.jit(jax.vmap(lambda depth, mount, goals: frame_maps(depth * DEPTH_UNIT, mount, goals, camera, rules)))
     depth = jnp.asarray(frames.depth[:size], jnp.float32)
     mounts, goals = jnp.asarray(frames.mounts[:size]), jnp.asarray(frames.goals[:size])
-    times, compiled = timed({"maps": lambda: many(depth, mounts, goals)}, repeats)
-    each = [t / size for t in times["maps"]]
+    times = timed(many, depth, mounts, goals, repeats=repeats)
+    best, median = 1e3 * times.each(size).best, 1e3 * times.each(size).median
     print(
-        f"maps of a frame, {goals.shape[1]} goals, made once: {min(each):.1f} ms min, {statistics.median(each):.1f} ms "
-        f"median ({compiled:.0f} s of compilation); {min(each) / config.epochs:.2f} ms a frame and epoch over "
-        f"{config.epochs} epochs, instead of {min(each):.1f} ms if every step made them anew"
+        f"maps of a frame, {goals.shape[1]} goals, made once: {best:.1f} ms min, {median:.1f} ms "
+        f"median ({times.first:.0f} s of compilation); {best / config.epochs:.2f} ms a frame and epoch over "
+        f"{config.epochs} epochs, instead of {best:.1f} ms if every step made them anew"
     )
 
 
@@ -191,10 +173,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=20, help="timed rounds")
     arguments = parser.parse_args()
     config = TrainConfig()
-    print(
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {jax.default_backend()}, "
-        f"jax {jax.__version__}; best and median of {arguments.repeats}"
-    )
+    print(f"{machine()}; best and median of {arguments.repeats}")
     frames = load_training_frames(DataConfig(frames=FRAMES))
     measure_maps(config, frames, min(arguments.repeats, 5))
     data = prepare(frames, config.planner.ipath.camera, config.models.traversal)

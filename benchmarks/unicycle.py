@@ -6,9 +6,7 @@ the cost of IPOPT's local optimum of the same problem, on random smooth and jagg
 """
 
 import argparse
-import platform
 import statistics
-import time
 from typing import Any
 
 from iwalker_jax.runtime import configure_runtime
@@ -22,6 +20,7 @@ import numpy as np  # noqa: E402
 import osqp  # noqa: E402
 from scipy import sparse  # noqa: E402
 
+from benchmarks.timing import machine, once, timed  # noqa: E402
 from iwalker_jax.optimization.unicycle import UnicycleParameters, initial_state_from_reference  # noqa: E402
 from iwalker_jax.optimization.unicycle_mpc import solve_unicycle  # noqa: E402
 
@@ -154,17 +153,6 @@ def cost_of(controls: np.ndarray, reference: np.ndarray, start: np.ndarray) -> f
     return float(FREE.position_weight * np.sum((path - reference) ** 2) + effort)
 
 
-def timed(function, *arguments, repeats: int = 5) -> list[float]:
-    """Seconds of each call after the first, blocking on the output."""
-    jax.block_until_ready(function(*arguments))
-    seconds = []
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        jax.block_until_ready(function(*arguments))
-        seconds.append(time.perf_counter() - begun)
-    return seconds
-
-
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -183,10 +171,7 @@ def main() -> None:
 
     learn = jax.jit(jax.vmap(jax.grad(pull)))
     batch = (jnp.asarray(paths[:BATCH]), starts[:BATCH])
-    begun = time.perf_counter()
-    jax.block_until_ready(one(paths[0], starts[0]))
-    jax.block_until_ready(many(*batch))
-    compiled = time.perf_counter() - begun
+    compiled = once(one, paths[0], starts[0])[1] + once(many, *batch)[1]
 
     solved = [many(jnp.asarray(paths[k : k + BATCH]), starts[k : k + BATCH]) for k in range(0, count, BATCH)]
     controls = np.concatenate([np.asarray(part.value.controls, float) for part in solved])
@@ -199,7 +184,7 @@ def main() -> None:
     for reference, start in zip(paths[: arguments.paths].astype(float), double):
         for name, guess in guesses(reference, start).items():
             found[name].append(ipopt.cost(reference, start, guess))
-    print(f"machine: {platform.processor() or platform.machine()}, {jax.default_backend()}, float32, N = {POINTS}")
+    print(f"{machine()}, float32, N = {POINTS}")
     print(
         f"quality on {arguments.paths} references: {np.sum(~np.isfinite(ours))} not finite, "
         f"{np.mean(status[: arguments.paths] == 0):.2%} converged"
@@ -213,22 +198,22 @@ def main() -> None:
     theirs, singles, excess = [], [], []
     for k in range(arguments.timed):
         reference, start = paths[k].astype(float), double[k]
-        begun = time.perf_counter()
-        plan = published.plan(reference, start)
-        theirs.append(time.perf_counter() - begun)
+        plan, taken = once(published.plan, reference, start)
+        theirs.append(taken)
         excess.append(cost_of(plan, reference, start) / ours[k])
-        singles.append(min(timed(one, paths[k], starts[k])))
-    batched = [t / BATCH for t in timed(many, *batch, repeats=15)]
+        singles.append(timed(one, paths[k], starts[k], repeats=5).best)
+    batched = timed(many, *batch, repeats=15).each(BATCH)
     learned = timed(learn, *(leaf[:16] for leaf in batch), repeats=15)
     peer = statistics.median(theirs)
+    rows = {
+        "published, one path": (min(theirs), peer),
+        "one path": (min(singles), statistics.median(singles)),
+        f"batch {BATCH}, a path": (batched.best, batched.median),
+    }
     print(f"speed (compilation {compiled:.1f} s, not counted)      min ms   median ms   ratio to published (medians)")
-    for name, seconds in (("published, one path", theirs), ("one path", singles), (f"batch {BATCH}, a path", batched)):
-        median = statistics.median(seconds)
-        print(f"  {name:38s} {min(seconds) * 1e3:9.3f} {median * 1e3:11.3f} {peer / median:9.0f}x")
-    print(
-        f"  {'batch 16 with gradient, whole batch':38s} {min(learned) * 1e3:9.3f} "
-        f"{statistics.median(learned) * 1e3:11.3f}"
-    )
+    for name, (best, median) in rows.items():
+        print(f"  {name:38s} {1e3 * best:9.3f} {1e3 * median:11.3f} {peer / median:9.0f}x")
+    print(f"  {'batch 16 with gradient, whole batch':38s} {1e3 * learned.best:9.3f} {1e3 * learned.median:11.3f}")
     print(f"published way's cost over ours: median {statistics.median(excess):.3f}, largest {max(excess):.3f}")
 
 

@@ -10,13 +10,13 @@ from iwalker_jax.runtime import configure_runtime
 if __name__ == "__main__":
     configure_runtime()
 
-import time
 from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks.timing import machine, once
 from bruce_model import load_mujoco
 from iwalker_jax.control.controller import make_controller
 from iwalker_jax.control.footstep_plan import FootstepPlan, make_plan, velocity_footsteps
@@ -56,6 +56,7 @@ def setting() -> tuple[Walker, Conditions, FootstepPlan, WalkState]:
 
 def main() -> int:
     """Print a line for each number of ticks."""
+    print(f"{machine()}, float64")
     with jax.enable_x64(True):
         walker, conditions, plan, state = setting()
         weights = jnp.asarray(np.random.default_rng(0).normal(size=23))
@@ -116,11 +117,7 @@ def report(value: Callable, inputs: dict[str, jax.Array], ticks: int) -> None:
             f"reverse off by {errors[0]:.1e}, forward off by {errors[1]:.1e}",
             flush=True,
         )
-    times = []
-    for function in (plain, reverse):
-        begin = time.perf_counter()
-        jax.block_until_ready(function(inputs))
-        times.append(time.perf_counter() - begin)
+    times = [once(function, inputs)[1] for function in (plain, reverse)]
     print(f"{ticks:4d} ticks: value {1e3 * times[0]:.1f} ms, value and gradient {1e3 * times[1]:.1f} ms", flush=True)
 
 
