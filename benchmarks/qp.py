@@ -73,7 +73,15 @@ def osqp_solver(P: np.ndarray, q: np.ndarray, C: np.ndarray, low: np.ndarray, hi
     """OSQP's own default accuracy made finer, without its set-up in the time."""
     solver = osqp.OSQP()
     solver.setup(
-        sparse.csc_matrix(np.triu(P)), q, sparse.csc_matrix(C), low, high, verbose=False, eps_abs=1e-5, eps_rel=1e-5
+        sparse.csc_matrix(np.triu(P)),
+        q,
+        sparse.csc_matrix(C),
+        low,
+        high,
+        verbose=False,
+        warm_starting=False,
+        eps_abs=1e-5,
+        eps_rel=1e-5,
     )
     return lambda: solver.solve().x
 
@@ -101,24 +109,32 @@ def walk_tick(settings: QpSettings, guesses: QpPoint, problems: QuadraticProgram
 
 
 def scan_walk(stack: QuadraticProgram, batch: int, settings: QpSettings) -> Callable[[], Solution]:
-    """Compile a scan over time; robots of a batch start at different times of the log and go round."""
-    length = stack.q.shape[0]
-    if batch > 1:
-        order = (np.arange(length)[:, None] + length * np.arange(batch) // batch) % length
-        stack = jax.tree.map(lambda a: a[order], stack)
-    first = jax.tree.map(lambda a: a[0], stack)
-    start = cold_start(first) if batch == 1 else jax.vmap(cold_start)(first)
+    """Compile a scan over time; robots of a batch start at different times of the log and go round.
 
-    def walk(start: QpPoint, stack: QuadraticProgram) -> Solution:
-        return jax.lax.scan(partial(walk_tick, settings), start, stack)[1]
+    All read the one log, as the peers do: a copy for every robot would time the memory instead.
+    """
+    length = stack.q.shape[0]
+    offsets = jnp.arange(batch) * length // batch
+    first = jax.tree.map(lambda a: a[offsets], stack)
+    start = jax.vmap(cold_start)(first)
+    if batch == 1:
+        offsets, start = offsets[0], jax.tree.map(lambda a: a[0], start)
+
+    def walk(start: QpPoint, offsets: jax.Array, stack: QuadraticProgram) -> Solution:
+        def tick(guesses: QpPoint, t: jax.Array) -> tuple[QpPoint, Solution]:
+            return walk_tick(settings, guesses, jax.tree.map(lambda a: a[(t + offsets) % length], stack))
+
+        return jax.lax.scan(tick, start, jnp.arange(length))[1]
 
     if batch >= 2 * jax.device_count() > 2:
         mesh = Mesh(np.asarray(jax.devices()), ("robots",))
         robots, ticks = PartitionSpec("robots"), PartitionSpec(None, "robots")
-        walk = jax.shard_map(walk, mesh=mesh, in_specs=(robots, ticks), out_specs=ticks, check_vma=False)
-    program, taken = compiled(jax.jit(walk), start, stack)
+        walk = jax.shard_map(
+            walk, mesh=mesh, in_specs=(robots, robots, PartitionSpec()), out_specs=ticks, check_vma=False
+        )
+    program, taken = compiled(jax.jit(walk), start, offsets, stack)
     print(f"    batch {batch}: compiled, or loaded from the cache, in {taken:.1f} s")
-    return partial(program, start, stack)
+    return partial(program, start, offsets, stack)
 
 
 def solve_all(solvers: list[Callable], answers: list[np.ndarray]) -> None:

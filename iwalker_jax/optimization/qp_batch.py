@@ -52,7 +52,6 @@ def _in_chunks(data: tuple[Array, ...], settings: QpSettings) -> Answer:
     size = data[0].shape[0]
     width = min(CHUNK, size)
     count = -(-size // width)
-    rows = jnp.minimum(jnp.arange(count * width), size - 1)  # the last problem fills the last chunk
 
     def chunk(part: tuple[Array, ...]) -> Answer:
         answer = solve_core(settings, *(jnp.moveaxis(a, 0, -1) for a in part))
@@ -61,6 +60,9 @@ def _in_chunks(data: tuple[Array, ...], settings: QpSettings) -> Answer:
 
     if count == 1:
         return chunk(data)
-    parts = tuple(a[rows].reshape(count, width, *a.shape[1:]) for a in data)
+    if count * width > size:
+        rows = jnp.minimum(jnp.arange(count * width), size - 1)  # the last problem fills the last chunk
+        data = tuple(a[rows] for a in data)
+    parts = tuple(a.reshape(count, width, *a.shape[1:]) for a in data)
     answer = jax.lax.map(chunk, parts)
     return jax.tree.map(lambda a: a.reshape(count * width, *a.shape[2:])[:size], answer)
