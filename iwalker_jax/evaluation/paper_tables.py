@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from iwalker_jax.evaluation.tables import COLUMNS, Table, aligned_text, markdown_table
+from iwalker_jax.evaluation.tables import COLUMNS, Table, aligned_text, markdown_table, spread
 from iwalker_jax.simulation.test_scenes import TEST_NAMES
 
 _DECIMALS = 3
@@ -86,7 +86,7 @@ def best_methods(values: dict[str, dict[str, np.ndarray]], scene: str) -> set[st
 
 def apart(first: np.ndarray, second: np.ndarray) -> bool:
     """Whether two methods' seeds do not overlap: mean +- standard deviation of one lies outside the other's."""
-    return bool(abs(np.mean(first) - np.mean(second)) > np.std(first) + np.std(second))
+    return bool(abs(np.mean(first) - np.mean(second)) > spread(first) + spread(second))
 
 
 def paper_cells(results: Table, table: PaperTable, mark: str = "**") -> list[list[str]]:
@@ -105,7 +105,7 @@ def paper_cells(results: Table, table: PaperTable, mark: str = "**") -> list[lis
         for scene in scenes:
             text = f"{np.mean(row[scene]):.{_DECIMALS}f}"
             if len(row[scene]) > 1:
-                text += f" +- {np.std(row[scene]):.{_DECIMALS}f}"
+                text += f" +- {spread(row[scene]):.{_DECIMALS}f}"
             cells.append(f"{mark}{text}{mark}" if method in best_methods(values, scene) else text)
         lines.append([method, *cells])
     for method, numbers in table.published:
@@ -167,7 +167,7 @@ def save_paper_tables(results: Table, folder: Path, note: str = "") -> None:
         for table in PAPER_TABLES:
             for method, row in scene_values(results, table.metric).items():
                 for scene, seeds in row.items():
-                    numbers = (float(np.mean(seeds)), float(np.std(seeds)), len(seeds))
+                    numbers = (float(np.mean(seeds)), spread(seeds), len(seeds))
                     writer.writerow([table.number, table.metric, method, scene, *numbers])
 
 

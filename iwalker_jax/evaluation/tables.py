@@ -27,7 +27,7 @@ class Column:
 COLUMNS = (
     Column("feasibility", "1000 x MSE between path and unicycle optimum, lower is better", 3),
     Column("collision", "published map summed over the footsteps, lower is better", 3),
-    Column("stability", "1000 x variance of the relative waypoint interval, lower is better"),
+    Column("stability", "1000 x variance of the relative waypoint interval, lower is better", 3),
     Column("H-LIP cost", "cost of the step MPC that follows the footsteps, lower is better", 3),
     Column("steps hit %", "footsteps where the body's footprint touches the true scene", 2),
     Column("paths hit %", "paths on which the footprint touches the true scene anywhere", 1),
@@ -112,7 +112,12 @@ def _cell(values: Rows[float], column: Column) -> str:
     if column.rate:
         low, high = (100 * end for end in wilson_interval([value / 100 for value in usable]))
         return f"{text} [{low:.{column.decimals}f}, {high:.{column.decimals}f}]"
-    return f"{text} +- {np.std(usable):.{column.decimals}f}" if len(usable) > 1 else text
+    return f"{text} +- {spread(usable):.{column.decimals}f}" if len(usable) > 1 else text
+
+
+def spread(values: Rows[float] | np.ndarray) -> float:
+    """Standard deviation of what the values are a sample of (n - 1 in the denominator); 0 for a single one."""
+    return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
 
 
 def legend(columns: Rows[Column] = COLUMNS) -> str:

@@ -35,8 +35,8 @@ def test_cells_are_means_and_deviations_with_the_best_marked():
     """Oracle: NumPy; the unseen scenes are not in the paper's tables."""
     header, *lines = paper_cells(results(), PAPER_TABLES[0])
     assert header == ["method", *TEST_NAMES]
-    assert lines[0][1] == f"{np.mean(SEEDS['iplanner']):.3f} +- {np.std(SEEDS['iplanner']):.3f}"
-    assert lines[2][1:] == [f"**0.600 +- {np.std(SEEDS['iwalker']):.3f}**"] * 4
+    assert lines[0][1] == f"{np.mean(SEEDS['iplanner']):.3f} +- {np.std(SEEDS['iplanner'], ddof=1):.3f}"
+    assert lines[2][1:] == [f"**0.600 +- {np.std(SEEDS['iwalker'], ddof=1):.3f}**"] * 4
     assert not any("*" in cell for line in lines if line[0] != "iwalker" for cell in line)
 
 
@@ -55,10 +55,23 @@ def test_what_prints_alike_is_best_alike():
     assert "than iplanner in 3 of 4 scenes (3 beyond both spreads, 1 alike)" in said
 
 
+def test_cells_that_read_alike_are_no_win():
+    """Oracle: the printed means themselves; the paper's metrics have as many decimals in the study's own table."""
+    values = {"iplanner": (0.0014, 0.0014), "finetuned": (0.0016, 0.0016), "iwalker": (0.0005, 0.0006)}
+    table = results(**dict.fromkeys(TEST_NAMES, values))
+    cells = {line[0]: line[1].strip("*").split(" ")[0] for line in paper_cells(table, PAPER_TABLES[2])[1:4]}
+    assert cells == {"iplanner": "0.001", "finetuned": "0.002", "iwalker": "0.001"}
+    said = verdict(table, PAPER_TABLES[2])
+    assert "than iplanner in 0 of 4 scenes (0 beyond both spreads, 4 alike)" in said
+    assert "than finetuned in 4 of 4 scenes (4 beyond both spreads)" in said
+    metrics = {table.metric for table in PAPER_TABLES}
+    assert {column.decimals for column in COLUMNS if column.title in metrics} == {3}
+
+
 def test_apart_means_that_the_bars_do_not_overlap():
-    """Oracle: by hand; both deviations are one."""
-    assert apart(np.array([0.0, 2.0]), np.array([2.1, 4.1]))
-    assert not apart(np.array([0.0, 2.0]), np.array([1.9, 3.9]))
+    """Oracle: by hand; both deviations are the square root of two, of seeds as a sample."""
+    assert apart(np.array([0.0, 2.0]), np.array([2.9, 4.9]))
+    assert not apart(np.array([0.0, 2.0]), np.array([2.8, 4.8]))
 
 
 def test_the_verdict_counts_scenes():
@@ -91,7 +104,7 @@ def test_saved_files_read_back(tmp_path):
     assert len(lines) == 3 * 3 * 4
     first = next(line for line in lines if line["method"] == "finetuned")
     assert float(first["mean"]) == pytest.approx(np.mean(SEEDS["finetuned"]))
-    assert float(first["deviation"]) == pytest.approx(np.std(SEEDS["finetuned"]))
+    assert float(first["deviation"]) == pytest.approx(np.std(SEEDS["finetuned"], ddof=1))
     for name in ("paper_tables.md", "paper_tables.txt"):
         assert (tmp_path / "new" / name).read_text().endswith("\nA note.\n")
     assert (tmp_path / "new" / "paper_tables.md").read_text().count("\n| --- |") == 3

@@ -3,11 +3,12 @@
 import csv
 import dataclasses
 import math
+import statistics
 
 import numpy as np
 import pytest
 
-from iwalker_jax.evaluation.tables import COLUMNS, Table, legend, result_row
+from iwalker_jax.evaluation.tables import COLUMNS, Table, legend, result_row, spread
 from tests.evaluation.results import make_result
 
 TITLES = [column.title for column in COLUMNS]
@@ -41,13 +42,19 @@ def test_no_goal_out_of_view_leaves_progress_empty():
 
 
 def test_one_seed_shows_its_value_and_several_mean_and_spread():
-    """Oracle: NumPy's mean and standard deviation; a seed without a value does not count."""
+    """Oracle: NumPy's mean and a sample's standard deviation; a seed without a value does not count."""
     several = tuple(row(feasibility=value) for value in (1.0, 2.0, 6.0, float("nan")))
     table = Table(((("a", "x"), (row(stability=0.126),)), (("b", "x"), several)), ("method", "scene"))
     header, one, many = table.cells()
     assert header == ["method", "scene", *TITLES]
-    assert one[4] == "0.13"
-    assert many[2] == f"{3.0:.3f} +- {np.std([1.0, 2.0, 6.0]):.3f}"
+    assert one[4] == "0.126"
+    assert many[2] == f"{3.0:.3f} +- {np.std([1.0, 2.0, 6.0], ddof=1):.3f}"
+
+
+def test_spread_is_that_of_a_sample():
+    """Oracle: the standard library."""
+    assert spread([1.0, 2.0, 6.0]) == pytest.approx(statistics.stdev([1.0, 2.0, 6.0]))
+    assert spread(np.array([3.0])) == 0.0
 
 
 def test_text_is_aligned_and_markdown_has_every_cell():
