@@ -1,6 +1,7 @@
 """A file of finished episodes that grows line by line, so that a study can be stopped and gone on with."""
 
 import csv
+import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,8 +16,8 @@ class EpisodeKey(NamedTuple):
     """Which episode it is; equal keys are equal episodes.
 
     Attributes:
-        planner: whose networks; depth, state: what camera and walking robot are given.
-        seed: of the study; width: episodes of a group, on which the conditions of each depend.
+        planner: whose networks, with their fingerprint; depth, state: what camera and walking robot are given.
+        seed: of the study; width: episodes of a whole batch, on which the conditions of each depend.
         policy: who walked; walks: set of tasks; number: in the set.
     """
 
@@ -44,10 +45,10 @@ def append_episodes(file: Path, rows: Sequence[tuple[EpisodeKey, str, EpisodeMet
         file.parent.mkdir(parents=True, exist_ok=True)
         with file.open("a", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
-            if stream.tell() == 0:
+            whole = len(_whole_lines(file))
+            stream.truncate(whole)
+            if whole == 0:
                 writer.writerow(_HEADER)
-            elif not _ends_with_a_line(file):
-                stream.write("\n")
             for key, task, metrics in rows:
                 figures = (getattr(metrics, name) for name in _FIGURES)
                 writer.writerow([*key, task, metrics.outcome.name.lower(), *figures])
@@ -73,15 +74,15 @@ def load_logs(folder: Path) -> dict[EpisodeKey, EpisodeMetrics]:
 
 
 def load_episodes(file: Path) -> dict[EpisodeKey, EpisodeMetrics]:
-    """The episodes of such a file; none if there is no file. A line cut short by a crash is passed over.
+    """The episodes of such a file; none if there is no file. A last line cut short by a crash is passed over.
 
     Raises:
         InputError: a file with other columns.
     """
     if not file.exists():
         return {}
-    with file.open(newline="") as stream:
-        lines = list(csv.reader(stream))
+    # A number that is cut short is still a number: only the line's end tells that the line is whole.
+    lines = list(csv.reader(io.StringIO(_whole_lines(file).decode(), newline="")))
     if not lines:
         return {}
     if tuple(lines[0]) != _HEADER:
@@ -99,7 +100,7 @@ def load_episodes(file: Path) -> dict[EpisodeKey, EpisodeMetrics]:
     return episodes
 
 
-def _ends_with_a_line(file: Path) -> bool:
-    with file.open("rb") as stream:
-        stream.seek(-1, os.SEEK_END)
-        return stream.read() == b"\n"
+def _whole_lines(file: Path) -> bytes:
+    """The file up to its last line's end."""
+    content = file.read_bytes()
+    return content[: content.rfind(b"\n") + 1]

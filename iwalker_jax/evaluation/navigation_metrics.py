@@ -8,11 +8,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.task import EpisodeRecord, Outcome, Task
+from iwalker_jax.navigation.closed_loop import LoopRules
+from iwalker_jax.navigation.task import GOAL_CAPACITY, EpisodeRecord, Outcome, Task
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
 from iwalker_jax.simulation.motion import smooth_track
 from iwalker_jax.simulation.routes import DEFAULT_ROUTE_RULES, RouteRules, cost_at, shortest_distance
@@ -20,6 +21,16 @@ from iwalker_jax.simulation.scene import SceneArrays
 
 AHEAD = 0.5
 """[m] along a planned path from its start to where its shaking is measured."""
+
+ARRIVAL = LoopRules.arrival
+"""[m] from a goal at which a robot takes it for reached, by its own estimate of where it is."""
+
+SLACK = 0.10
+"""[m] beyond `ARRIVAL` at which the true base still counts as at a goal: the drift of odometry on a walk of several
+metres, and what the base moves until the robot stands. A robot farther off than that is not where it was sent."""
+
+_RING = 0.1 * np.stack([np.cos(np.arange(16) * np.pi / 8), np.sin(np.arange(16) * np.pi / 8)], axis=1)
+"""[m] places around a goal where routes' directions are measured; goals have so much room beyond the routes' margin."""
 
 _MOVED = 5e-3
 """[m] by which a foot that has just landed was elsewhere in the two frames before."""
@@ -29,13 +40,14 @@ class EpisodeMetrics(NamedTuple):
     """Figures of one episode; NaN where one does not apply.
 
     Attributes:
-        outcome: how it ended.
+        outcome: how it ended, as the robot took it: REACHED where it believed to stand at its last goal.
         seconds: [s] until then.
         walked: [m] length of the base's track without the sway of single steps.
-        shortest: [m] shortest route through all goals in order; NaN where there is none.
+        shortest: [m] of `shortest_route`; NaN where there is none.
         spl: success weighted by path length, Anderson et al. (2018): success x shortest / max(shortest, walked).
         clearance: [m] least, between the body's volume and the nearest obstacle.
-        goals: share of the goals reached.
+        goals: share of the goals of which the robot believed that it reached them, and truly did (see `goals_reached`).
+        end: [m] from the true base to the last goal at the end.
         torque_peak: largest torque of a motor over its limit.
         qp_failures: share of the ticks whose whole-body QP did not converge.
         shaking: [m] mean distance between the path before and the point `AHEAD` on each new path, world frame.
@@ -49,6 +61,7 @@ class EpisodeMetrics(NamedTuple):
     spl: float
     clearance: float
     goals: float
+    end: float
     torque_peak: float
     qp_failures: float
     shaking: float
@@ -56,8 +69,13 @@ class EpisodeMetrics(NamedTuple):
 
     @property
     def success(self) -> bool:
-        """Whether the robot stood at its last goal."""
-        return self.outcome is Outcome.REACHED
+        """Whether the robot stood at its last goal after all others, and truly so."""
+        return self.outcome is Outcome.REACHED and self.goals == 1.0
+
+    @property
+    def mistaken(self) -> bool:
+        """Whether it stopped where it believed its last goal to be without having truly been at all goals."""
+        return self.outcome is Outcome.REACHED and not self.success
 
     @property
     def speed(self) -> float:
@@ -91,7 +109,7 @@ def episode_metrics(
     """
     shortest = shortest_route(task) if shortest is None else shortest
     outcome = Outcome(int(episode.outcome[-1]))
-    success = outcome is Outcome.REACHED
+    success = reached_all(episode, task)
     seconds = float(episode.time[-1])
     walked = walked_distance(np.asarray(episode.base)[:, :2], np.asarray(episode.time))
     return EpisodeMetrics(
@@ -99,14 +117,42 @@ def episode_metrics(
         seconds=seconds,
         walked=walked,
         shortest=shortest,
-        spl=success * shortest / max(shortest, walked, 1e-6) if np.isfinite(shortest) else float("nan"),
+        spl=success * max(shortest, 1e-6) / max(shortest, walked, 1e-6) if np.isfinite(shortest) else float("nan"),
         clearance=_reduced(np.min, episode.clearance),
-        goals=1.0 if success else float(episode.goal[-1]) / len(task.goals),
+        goals=float(np.mean(goals_reached(episode, task))),
+        end=float(np.linalg.norm(np.asarray(episode.base)[-1, :2] - task.goals[-1])),
         torque_peak=_reduced(np.max, episode.torque_share),
         qp_failures=float(np.sum(episode.qp_failures)) * time_step / seconds if seconds > 0 else 0.0,
         shaking=path_shaking(np.asarray(episode.path)),
         detours=float(np.mean(np.asarray(episode.detour))),
     )
+
+
+def goals_reached(episode: EpisodeRecord, task: Task) -> Bool[np.ndarray, " goals"]:
+    """Which goals the robot took for reached while its true base was within `ARRIVAL` + `SLACK` of them.
+
+    The last one counts by where the robot stands at the end, each other one by the nearest place on the way to it.
+
+    Args:
+        episode: as from `row_of`.
+        task: that was given.
+    """
+    places, aims = np.asarray(episode.base)[:, :2], np.asarray(episode.goal)
+    gaps = np.linalg.norm(places[:, None] - task.goals, axis=2)
+    reached = np.zeros(len(task.goals), bool)
+    reached[-1] = episode.outcome[-1] == Outcome.REACHED and gaps[-1, -1] <= ARRIVAL + SLACK
+    for number in range(len(task.goals) - 1):
+        after = np.flatnonzero(aims > number)
+        if len(after):
+            # The next goal is aimed at from a frame's start on, whose place the frame before has recorded.
+            meant = np.append(np.flatnonzero(aims == number), after[0])
+            reached[number] = bool((gaps[meant, number] <= ARRIVAL + SLACK).any())
+    return reached
+
+
+def reached_all(episode: EpisodeRecord, task: Task) -> bool:
+    """Whether an episode, as from `row_of`, is a success: every goal truly reached, and standing at the last one."""
+    return bool(goals_reached(episode, task).all())
 
 
 def batch_metrics(record: EpisodeRecord, tasks: Sequence[Task], time_step: float = 0.002) -> list[EpisodeMetrics]:
@@ -131,20 +177,48 @@ def walked_distance(places: Float[np.ndarray, "n 2"], times: Float[np.ndarray, "
 
 
 def shortest_route(task: Task, rules: RouteRules = DEFAULT_ROUTE_RULES) -> float:
-    """[m] length of the shortest walkable route from the start through all goals in order; NaN if there is none."""
+    """[m] length that nobody can walk less than to reach all goals in order; NaN if there is no route.
+
+    That is the shortest walkable route over the goals' centres, less what is spared because a goal counts from
+    `ARRIVAL` on: all of it at the last goal; at each other one, where the route comes along the unit vector u and goes
+    on along v, `ARRIVAL` |v - u|, which is nothing straight ahead and twice `ARRIVAL` there and back. Lengths of ways
+    are convex in their ends where nothing stands in between, so that their slopes at the centres bound what is spared.
+    The ways are those of a grid, up to 3 % longer than the shortest.
+    """
     scene = task.scene.arrays()
-    places = np.concatenate([[task.start[:2]], task.goals])
-    legs = [
-        float(_leg(scene, jnp.asarray(a, float), jnp.asarray(b, float), rules)) for a, b in itertools.pairwise(places)
-    ]
-    return float("nan") if max(legs) >= UNREACHABLE else sum(legs)
+    stops = np.concatenate([[task.start[:2]], task.goals])
+    padded = stops[np.minimum(np.arange(GOAL_CAPACITY + 1), len(stops) - 1)]
+    places = jnp.asarray(padded[:, None] + np.concatenate([np.zeros((1, 2)), _RING]), float)
+    # Lengths from each stop to all others; of a start and one goal the goal's tell everything.
+    first = 0 if len(task.goals) > 1 else 1
+    ways = {
+        k: np.asarray(_lengths(scene, jnp.asarray(stops[k], float), places, rules), np.float64)
+        for k in range(first, len(stops))
+    }
+    legs = [ways[k][k - 1, 0] for k in range(1, len(stops))]
+    if max(legs) >= UNREACHABLE:
+        return float("nan")
+    turns = [_towards(ways[k - 1][k]) + _towards(ways[k + 1][k]) for k in range(1, len(stops) - 1)]
+    spared = ARRIVAL * (1.0 + sum(float(np.nan_to_num(np.linalg.norm(turn), nan=2.0)) for turn in turns))
+    return max(float(sum(legs)) - spared, 0.0)
 
 
 @functools.partial(jax.jit, static_argnames="rules")
-def _leg(
-    scene: SceneArrays, start: Float[jax.Array, " 2"], goal: Float[jax.Array, " 2"], rules: RouteRules
-) -> Float[jax.Array, ""]:
-    return cost_at(shortest_distance(scene, goal, rules), start)
+def _lengths(
+    scene: SceneArrays, stop: Float[jax.Array, " 2"], places: Float[jax.Array, "s k 2"], rules: RouteRules
+) -> Float[jax.Array, "s k"]:
+    return cost_at(shortest_distance(scene, stop, rules), places)
+
+
+def _towards(lengths: Float[np.ndarray, " k"]) -> Float[np.ndarray, " 2"]:
+    """Unit vector in which the way begins whose length from a place, and from `_RING` around it, is given.
+
+    NaN if there is no way from some of them.
+    """
+    if lengths.max() >= UNREACHABLE:
+        return np.full(2, np.nan)
+    descent = -lengths[1:] @ _RING
+    return descent / max(float(np.linalg.norm(descent)), 1e-9)
 
 
 def path_shaking(paths: Float[np.ndarray, "n p 2"]) -> float:

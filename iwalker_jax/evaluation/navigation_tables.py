@@ -2,18 +2,31 @@
 
 from collections.abc import Mapping, Sequence
 
-from iwalker_jax.evaluation.navigation_metrics import EpisodeMetrics
+from iwalker_jax.evaluation.navigation_metrics import ARRIVAL, SLACK, EpisodeMetrics
 from iwalker_jax.evaluation.tables import Column, Table
 from iwalker_jax.navigation.task import Outcome
 
 COLUMNS = (
-    Column("success %", "episodes that ended standing at the last goal", 0, rate=True),
+    Column(
+        "success %",
+        f"episodes that ended standing at the last goal, after all others: the true base within "
+        f"{ARRIVAL + SLACK:.1f} m of each",
+        0,
+        rate=True,
+    ),
+    Column("mistaken %", "it stood where it believed the last goal to be, but was farther from a goal", 0, rate=True),
     Column("collided %", "the body's volume touched an obstacle", 0, rate=True),
     Column("fell %", "the robot fell", 0, rate=True),
     Column("gave up %", "it stopped because it found no way", 0, rate=True),
     Column("timed out %", "it was still on its way at the time limit", 0, rate=True),
-    Column("goals %", "goals reached of those asked for", 0),
-    Column("SPL", "success x shortest route / the longer of shortest route and way walked", 2),
+    Column("goals %", "goals truly reached of those asked for", 0),
+    Column("end cm", "from the true base to the last goal where the robot believed to stand at it", 1),
+    Column(
+        "SPL",
+        "success x shortest route / the longer of shortest route and way walked; the route ends where a goal counts as "
+        f"reached, {ARRIVAL:.1f} m from the last one, and is spared the corners within that of the others",
+        2,
+    ),
     Column("time s", "to the last goal, of the episodes that reached it", 1),
     Column("walked m", "way of the base, without the sway of single steps", 2),
     Column("speed m/s", "way walked by time", 3),
@@ -24,7 +37,6 @@ COLUMNS = (
     Column("shaking cm", "from each new path, 0.5 m ahead, to the one before", 1),
 )
 _RATES = (
-    ("success %", (Outcome.REACHED,)),
     ("collided %", (Outcome.COLLIDED,)),
     ("fell %", (Outcome.FELL,)),
     ("gave up %", (Outcome.GAVE_UP,)),
@@ -35,8 +47,12 @@ _RATES = (
 def episode_values(metrics: EpisodeMetrics) -> dict[str, float]:
     """Figures of one episode by column title; NaN where a column does not apply."""
     rates = {title: 100.0 * (metrics.outcome in outcomes) for title, outcomes in _RATES}
-    return rates | {
+    return {
+        "success %": 100.0 * metrics.success,
+        "mistaken %": 100.0 * metrics.mistaken,
+        **rates,
         "goals %": 100.0 * metrics.goals,
+        "end cm": 100.0 * metrics.end if metrics.outcome is Outcome.REACHED else float("nan"),
         "SPL": metrics.spl,
         "time s": metrics.seconds if metrics.success else float("nan"),
         "walked m": metrics.walked,
@@ -62,6 +78,9 @@ def navigation_table(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]])
 
 
 def failures(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]]) -> dict[tuple[str, str], dict[Outcome, int]]:
-    """How often each kind of end occurred, by group; kinds that occurred nowhere are left out."""
+    """How often each kind of end occurred, by group and as the robots took it: REACHED counts mistaken ones as well.
+
+    Kinds that occurred nowhere are left out.
+    """
     kinds = [kind for kind in Outcome if any(m.outcome is kind for episodes in groups.values() for m in episodes)]
     return {key: {kind: sum(m.outcome is kind for m in ms) for kind in kinds} for key, ms in groups.items()}

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.navigation_metrics import (
@@ -11,11 +12,13 @@ from iwalker_jax.evaluation.navigation_metrics import (
     episode_metrics,
     landing_errors,
     path_shaking,
+    reached_all,
     row_of,
     shortest_route,
     walked_distance,
 )
-from iwalker_jax.navigation.task import Outcome
+from iwalker_jax.navigation.task import Outcome, Task
+from iwalker_jax.simulation.scene import Scene
 from tests.evaluation.episodes import FRAME, make_record, make_task, room
 
 
@@ -38,13 +41,40 @@ def test_a_reached_episode_by_hand():
 @pytest.mark.parametrize("outcome", [Outcome.COLLIDED, Outcome.FELL, Outcome.GAVE_UP, Outcome.TIMED_OUT])
 def test_a_failed_episode_is_worth_nothing_but_its_goals(outcome):
     record = make_record(outcomes=(outcome,))
-    record = record._replace(goal=np.ones_like(record.goal), qp_failures=np.full_like(record.qp_failures, 3))
+    # The robot believes to be at the first goal half way, where it is.
+    goal = np.minimum(2 * np.arange(len(record.time[0])) // len(record.time[0]), 1)[None]
+    record = record._replace(goal=goal, qp_failures=np.full_like(record.qp_failures, 3))
     task = make_task(goals=((3.0, 2.7), (5.0, 1.0), (5.0, 2.0), (5.0, 3.0)))
     got = episode_metrics(row_of(record, 0), task, shortest=4.5)
     assert got.outcome is outcome and not got.success
     assert got.spl == 0.0 and got.goals == 0.25
     # Three of the 33 ticks of 2 ms in every frame.
     assert got.qp_failures == pytest.approx(3 * 0.002 / FRAME, rel=0.01)
+
+
+@pytest.mark.parametrize(("off", "success"), [(0.39, True), (0.41, False)])
+def test_success_is_where_the_robot_truly_stands(off, success):
+    """Oracle: the end of the track; the robot always believes that it has arrived."""
+    record = row_of(make_record(sway=0.0), 0)
+    gap = np.linalg.norm(record.base[-1, :2] - (5.0, 1.0))
+    goal = record.base[-1, :2] + off * np.array([0.6, -0.8])
+    got = episode_metrics(record, make_task(goals=((float(goal[0]), float(goal[1])),)), shortest=4.5)
+    assert gap < 0.1 and got.end == pytest.approx(off) and got.outcome is Outcome.REACHED
+    assert (got.success, got.mistaken, got.goals) == (success, not success, float(success))
+    assert (got.spl > 0.8) == success and reached_all(record, make_task(goals=(tuple(goal),))) == success
+
+
+@pytest.mark.parametrize(("off", "reached"), [(0.38, True), (0.45, False)])
+def test_each_goal_on_the_way_must_truly_be_passed(off, reached):
+    """Oracle: the distance of a goal above the bend at (3, 2.7) from the track; only while it is aimed at."""
+    record = row_of(make_record(sway=0.0), 0)
+    task = make_task(goals=((3.0, 2.7 + off), (5.0, 1.0)))
+    n, middle = len(record.time), len(record.time) // 2
+    goal = (np.arange(n) > middle + 3).astype(int)
+    got = episode_metrics(record._replace(goal=goal), task, shortest=4.5)
+    assert got.success == reached and got.goals == (1.0 if reached else 0.5)
+    too_early = (np.arange(n) > middle // 2).astype(int)
+    assert episode_metrics(record._replace(goal=too_early), task, shortest=4.5).mistaken
 
 
 def test_every_episode_ends_where_its_outcome_begins():
@@ -60,7 +90,10 @@ def test_every_episode_ends_where_its_outcome_begins():
 
 
 def test_the_shortest_route_goes_around_the_partition_and_through_all_goals():
-    """Oracle: the taut string around the partition's end, 2 m from the wall, with the route's margin of 0.2 m."""
+    """Oracle: the taut string around the partition's end, 2 m from the wall, with the route's margin of 0.2 m.
+
+    It ends 0.3 m before the last goal; a corner at a goal is cut by as much as the bisector's place at 0.3 m saves.
+    """
     corner = np.array([[2.95, 2.0], [3.05, 2.0]])
     radius = 0.2
     reach = np.linalg.norm(corner[0] - [1.0, 1.0])
@@ -70,9 +103,34 @@ def test_the_shortest_route_goes_around_the_partition_and_through_all_goals():
     arc = radius * bearing
     expected = 2 * (straight + arc) + 0.1
     one = shortest_route(make_task())
-    assert one == pytest.approx(expected, rel=0.05)
-    both = shortest_route(make_task(goals=((5.0, 1.0), (5.0, 2.5))))
-    assert both == pytest.approx(one + 1.5, rel=0.03)
+    assert one == pytest.approx(expected - 0.3, rel=0.05)
+    # Straight on at the first goal nothing is saved there.
+    last = shortest_route(make_task(goals=((5.0, 1.0), (5.0, 2.5))))
+    before = shortest_route(make_task(goals=((5.0, 2.5),)))
+    straight_on = shortest_route(make_task(goals=((5.0, 1.5), (5.0, 1.0))))
+    assert one - 0.1 < straight_on < one + 0.3
+    assert before < last < one + 1.5
+
+
+@pytest.mark.parametrize("degrees", [0.0, 60.0, 120.0, 180.0])
+def test_what_a_corner_at_a_goal_spares(degrees):
+    """Oracle: SciPy's shortest tour of discs of 0.3 m in an open hall: the bound spares that much or a little more."""
+    boxes = np.array([[-0.05, 4.0, 0.75, 0.05, 4.0, 0.75, 0.0]])
+    hall = Scene("hall", "test", boxes, np.zeros((0, 5)), (0, 0, 8, 8), 2.4)
+    turned = np.radians(degrees) + np.pi  # from straight back to straight on
+    start, corner = np.array([1.5, 4.0]), np.array([4.0, 4.0])
+    end = corner + 2.5 * np.array([np.cos(turned), np.sin(turned)])
+
+    def length(polar):
+        places = [corner, end] + 0.3 * polar[:2, None] * np.stack([np.cos(polar[2:]), np.sin(polar[2:])], axis=1)
+        return np.linalg.norm(np.diff([start, *places], axis=0), axis=1).sum()
+
+    guesses = [[1.0, 1.0, first, turned + np.pi] for first in np.linspace(0.0, 6.0, 7)]
+    best = min(minimize(length, guess, bounds=[(0, 1)] * 2 + [(-10, 10)] * 2).fun for guess in guesses)
+    legs = sum(shortest_route(Task("leg", hall, (*a, 0.0), b[None])) + 0.3 for a, b in ((start, corner), (corner, end)))
+    spared = legs - shortest_route(Task("tour", hall, (*start, 0.0), np.array([corner, end])))
+    # The directions of a grid's ways are a few degrees off.
+    assert -0.01 < spared - (5.0 - best) < 0.1
 
 
 def test_no_route_is_nan_and_leaves_the_path_length_unweighted():
