@@ -4,11 +4,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn, Protocol
+from typing import Any, NoReturn, Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from iwalker_jax.errors import InputError
 from iwalker_jax.processes import ProcessGroup, is_first, join, leave
 
 console = Console(highlight=False)
@@ -55,6 +56,24 @@ def exit_with(error: Exception) -> NoReturn:
     """Leave with the error's sentence and status 1, without a traceback."""
     print(f"error: {error}", file=sys.stderr)
     leave(1)
+
+
+def require_at_least(command: Any, **least: int) -> None:
+    """Refuse numbers of a command's options that are too small, before any work is done.
+
+    Raises:
+        InputError: for the first of them.
+    """
+    for name, value in least.items():
+        if getattr(command, name) < value:
+            option = "--" + name.replace("_", "-")
+            raise InputError(f"{option} is {getattr(command, name)}; give at least {value}.")
+
+
+def stopped(advice: str) -> int:
+    """Say that Ctrl-C ended the command and how to go on; returns the exit status."""
+    say(f"Stopped; {advice}.")
+    return 130
 
 
 def config_file(run: Path) -> Path:

@@ -34,6 +34,8 @@ def print_figures(metrics: list[WalkMetrics], result: BatchResult) -> dict[str, 
         say(f"Turn rate        {turn:.1f} deg/s of {planned:.1f} deg/s planned, {off}")
     elif speeds:
         say(f"Speed            {row['speed m/s']:.3f} m/s of {np.mean(speeds):.3f} m/s planned, {off}")
+    if np.isfinite(row["steps made %"]):
+        say(f"Footsteps        {row['steps made %']:.1f} % of those planned were made")
     for name, title, unit in _ERRORS:
         mean, largest = row[f"{name} mean {unit}"], row[f"{name} max {unit}"]
         if np.isfinite(mean):

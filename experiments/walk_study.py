@@ -17,10 +17,10 @@ import mujoco
 import numpy as np
 import tyro
 
-from experiments.console import exit_with, say
+from experiments.console import exit_with, require_at_least, say, stopped
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walk_metrics import robot_rows, walk_metrics
-from iwalker_jax.evaluation.walk_tables import WalkTable, legend, summarise
+from iwalker_jax.evaluation.walk_tables import Labels, WalkTable, legend, load_table, summarise
 from iwalker_jax.simulation.mujoco_walking import roll_out_mujoco
 from iwalker_jax.simulation.walk_batch import WalkProgram
 from iwalker_jax.simulation.walk_motions import Motion, Walk, make_walk
@@ -84,9 +84,9 @@ def robust_cases() -> list[Case]:
     hard = Disturbances(friction=(0.4, 1.0), mass=0.10)
     late = replace(hard, delay=(1, 2))
     return [
-        Case("friction 0.4-1.0, mass +-10 %", walk, hard),
-        Case("and delay 2-4 ms", walk, late),
-        Case("and nominal sensors", walk, late, "nominal"),
+        Case("friction 0.4-1.0, mass +-10 %", walk, hard, many=True),
+        Case("and delay 2-4 ms", walk, late, many=True),
+        Case("and nominal sensors", walk, late, "nominal", many=True),
     ]
 
 
@@ -103,13 +103,15 @@ SUITES = {"nominal": nominal_cases, "pushes": push_cases, "robust": robust_cases
 class Command:
     """Measure standing, walking, turning, pushes, robustness and limits of the simulated BRUCE.
 
+    The tables grow case by case: the same command goes on where it was stopped.
+
     Attributes:
         suites: comma-separated, of nominal, pushes, robust and limits.
-        seeds: robots of each case, each with friction, mass and start of its own.
-        trials: robots of each push.
+        seeds: robots of each nominal case and limit, each with friction, mass and start of its own.
+        trials: robots of each case of pushes and robust.
         engine: of the physics.
         seed: of all conditions.
-        out: folder for the tables.
+        out: folder for the tables; cases that they hold with as many robots and this seed are not walked again.
         devices: number of devices, all by default; on a CPU that many are made of its cores.
     """
 
@@ -163,23 +165,27 @@ def cases_of(suites: str) -> list[tuple[str, Case]]:
 
 
 def run_study(command: Command) -> WalkTable:
-    """All cases, one after the other; the tables are written anew after each, so nothing is lost when it is stopped."""
-    if command.seeds < 1 or command.trials < 1:
-        raise InputError(f"{command.seeds} seeds and {command.trials} trials were asked for; give at least 1.")
+    """The cases that the tables do not hold yet, one after the other; the tables are written anew after each."""
+    require_at_least(command, seeds=1, trials=1, seed=0)
     engines = ("mjx", "mujoco") if command.engine == "both" else (command.engine,)
     todo = [(suite, case, engine) for suite, case in cases_of(command.suites) for engine in engines]
     benches: dict[Sensors, Bench] = {}
-    table = WalkTable(())
+    table = load_table(command.out / "walk_study.csv")
     for number, (suite, case, engine) in enumerate(todo, start=1):
+        robots = command.trials if case.many else command.seeds
+        labels = Labels(suite, case.name, engine, str(command.seed))
+        if table.holds(labels, robots):
+            say(f"{number}/{len(todo)} {suite}, {case.name}, {engine}: is there already, {robots} robots.")
+            continue
         if case.sensors not in benches:
             benches[case.sensors] = Bench(case.sensors, command.seeds, command.devices)
-        robots = command.trials if case.many else command.seeds
         began = time.perf_counter()
         row = measure(case, benches[case.sensors], engine, robots, command.seed)
-        table = WalkTable((*table.rows, ((suite, case.name, engine), row)))
+        table = WalkTable((*table.rows, (labels, row)))
         table.save(command.out, "walk_study")
         steps = row["footstep mean cm"]
-        off = f", footsteps off by {steps:.2f} cm" if np.isfinite(steps) else ""
+        made = row["steps made %"]
+        off = f", {made:.1f} % of the steps made, off by {steps:.2f} cm" if np.isfinite(steps) else ""
         took = time.perf_counter() - began
         fell = f"{row['falls']:.0f} of {robots} fell"
         say(f"{number}/{len(todo)} {suite}, {case.name}, {engine}: {fell}{off} ({took:.0f} s)")
@@ -194,6 +200,8 @@ def main(arguments: list[str] | None = None) -> int:
         table = run_study(command)
     except (InputError, OSError) as error:
         exit_with(error)
+    except KeyboardInterrupt:
+        return stopped("the same command goes on with the cases that the tables do not hold yet")
     say(table.text())
     say(legend())
     say(f"The tables are {command.out / 'walk_study'}.txt, .md and .csv.")

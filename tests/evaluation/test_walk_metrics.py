@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
+from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walk_metrics import find_landings, robot_rows, speed_error, walk_metrics, walk_record
-from iwalker_jax.evaluation.walk_tables import WalkTable, summarise
+from iwalker_jax.evaluation.walk_tables import Labels, WalkTable, load_table, summarise
 from iwalker_jax.simulation.walking import Sample
 
 STEP_TIME, INTERVAL = 0.24, 0.02
@@ -143,9 +144,40 @@ def test_tables_gather_robots_and_can_be_read_back(tmp_path):
     assert (row["robots"], row["falls"], row["survived %"]) == (2, 1, 50)
     # Ten footsteps 1 cm off, and two of the other robot before it fell, without error.
     assert row["footstep mean cm"] == pytest.approx(10 / 12) and row["footstep max cm"] == pytest.approx(1.0)
-    table = WalkTable(((("nominal", "straight", "mjx"), row),))
+    assert row["steps made %"] == pytest.approx((100 + 20) / 2)
+    labels = Labels("nominal", "straight", "mjx", "7")
+    table = WalkTable(((labels, row),))
     table.save(tmp_path, "study")
     with (tmp_path / "study.csv").open() as stream:
         (line,) = csv.DictReader(stream)
     assert line["case"] == "straight" and float(line["footstep mean cm"]) == row["footstep mean cm"]
-    assert "| nominal | straight | mjx | 2 | 1 | 50.0 |" in (tmp_path / "study.md").read_text()
+    assert "| nominal | straight | mjx | 7 | 2 | 1 | 50.0 | 60.0 |" in (tmp_path / "study.md").read_text()
+    again = load_table(tmp_path / "study.csv")
+    assert again.rows[0][0] == labels and again.text() == table.text()
+    assert again.rows[0][1] == pytest.approx(row, abs=0, nan_ok=True)
+    assert again.holds(labels, 2) and not again.holds(labels, 3) and not again.holds(labels._replace(seed="8"), 2)
+
+
+def test_a_robot_that_stops_early_has_not_made_its_steps():
+    """By construction: it stands for the last 6 of 10 footsteps; nothing is planned for one that only stands."""
+    plan = straight_plan(10, 0.04)
+    sample = walk_of(plan)
+    sample.step[:] = np.minimum(sample.step, 4)
+    row = summarise([walk_metrics(sample, plan, LIMITS, STEP_TIME)])
+    assert (row["falls"], row["steps made %"]) == (0, 40.0)
+    nothing = FootstepPlan(plan.positions, plan.yaws, plan.first_swing, np.asarray(0))
+    assert np.isnan(summarise([walk_metrics(sample, nothing, LIMITS, STEP_TIME)])["steps made %"])
+
+
+@pytest.mark.parametrize("text", ["", "suite,case\nnominal,straight\n", None])
+def test_other_tables_are_refused(tmp_path, text):
+    """Property: empty, foreign and damaged files are one sentence; no file is an empty table."""
+    file = tmp_path / "walk_study.csv"
+    assert load_table(file).rows == ()
+    if text is None:
+        row = summarise([walk_metrics(walk_of(straight_plan(10, 0.04)), straight_plan(10, 0.04), LIMITS, STEP_TIME)])
+        WalkTable(((Labels("nominal", "straight", "mjx", "0"), row),)).save(tmp_path, "walk_study")
+        text = file.read_text()[:-40]
+    file.write_text(text)
+    with pytest.raises(InputError, match="move it away"):
+        load_table(file)

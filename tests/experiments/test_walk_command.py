@@ -9,6 +9,7 @@ import pytest
 
 from experiments import walk, walk_study
 from experiments.console import console
+from iwalker_jax.evaluation.walk_tables import COLUMNS
 from iwalker_jax.simulation.walk_motions import Motion
 from iwalker_jax.simulation.walk_setup import Disturbances
 from tests.experiments.commands import fails_with_one_sentence
@@ -47,11 +48,51 @@ def test_a_study_writes_a_row_a_case(tmp_path, monkeypatch):
         ("stand", 2, 0),
         ("pushed", 3, 0),
     ]
+    assert [row["steps made %"] for row in rows] == ["nan", "100.0"]
     assert "falls: walks that ended in a fall" in (tmp_path / "walk_study.md").read_text()
 
 
+@pytest.fixture
+def measured(monkeypatch):
+    """Three cases that only pretend to be walked; the names of those that were, "c" being stopped the first time."""
+    walked = []
+
+    def measure(case, bench, engine, robots, seed):
+        walked.append(case.name)
+        if case.name == "c" and walked.count("c") == 1:
+            raise KeyboardInterrupt
+        return dict.fromkeys([column.title for column in COLUMNS], 1.0) | {"robots": float(robots)}
+
+    cases = [walk_study.Case(name, Motion("stand", seconds=1.0), many=name == "b") for name in "abc"]
+    monkeypatch.setattr(walk_study, "SUITES", {"small": lambda: cases})
+    monkeypatch.setattr(walk_study, "measure", measure)
+    monkeypatch.setattr(walk_study, "Bench", lambda *arguments: None)
+    return walked
+
+
+def test_a_stopped_study_goes_on_where_it_was(measured, tmp_path, capsys):
+    """Only what the tables do not hold with as many robots and the same seed is walked; what they hold stays."""
+    options = ["--suites", "small", "--out", str(tmp_path), "--seeds", "2"]
+    assert walk_study.main([*options, "--trials", "3"]) == 130
+    assert "goes on" in capsys.readouterr().out
+    assert walk_study.main([*options, "--trials", "3"]) == 0
+    assert "1/3 small, a, mjx: is there already, 2 robots" in capsys.readouterr().out
+    assert measured == ["a", "b", "c", "c"]
+    assert walk_study.main([*options, "--trials", "4"]) == 0
+    assert measured[4:] == ["b"]
+    assert walk_study.main([*options, "--trials", "4", "--seed", "1"]) == 0
+    assert measured[5:] == ["a", "b", "c"]
+    with (tmp_path / "walk_study.csv").open() as stream:
+        rows = [(row["case"], row["seed"], float(row["robots"])) for row in csv.DictReader(stream)]
+    first = [("a", "0", 2.0), ("b", "0", 3.0), ("c", "0", 2.0), ("b", "0", 4.0)]
+    assert rows == [*first, ("a", "1", 2.0), ("b", "1", 4.0), ("c", "1", 2.0)]
+
+
 def test_the_study_asks_for_what_it_says():
-    names = [(suite, case.name) for suite, case in walk_study.cases_of("nominal, pushes,robust,limits")]
+    cases = walk_study.cases_of("nominal, pushes,robust,limits")
+    names = [(suite, case.name) for suite, case in cases]
+    assert {suite for suite, case in cases if case.many} == {"pushes", "robust"}
+    assert all(case.many == (suite in ("pushes", "robust")) for suite, case in cases)
     assert len(names) == len(set(names)) == 14 + 4 + 3 + 6
     assert ("nominal", "S-curve 3 m, 6 cm steps") in names and ("pushes", "push y 1 N s") in names
 
