@@ -8,13 +8,16 @@ if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
 
 import dataclasses
+import json
+import shutil
+from collections import Counter
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
 
 import tyro
 
-from experiments.console import exit_with, progress_bar, say
+from experiments.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.planner import planner_of
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.navigation.episodes import EpisodeProgram
@@ -22,7 +25,7 @@ from iwalker_jax.navigation.generated_tasks import training_task
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.navigation.task import Outcome
 from iwalker_jax.training.datasets import joined
-from iwalker_jax.training.frames import save_frames
+from iwalker_jax.training.frames import FrameSet, load_frames, save_frames
 from iwalker_jax.training.walk_frames import frames_from_episodes
 
 
@@ -30,15 +33,16 @@ from iwalker_jax.training.walk_frames import frames_from_episodes
 class Command:
     """Let the robot walk in training scenes, none of which is used in any evaluation, and keep what its camera saw.
 
-    Train on the frames with `python -m experiments.train --source.walks FILE`; no labels are needed.
+    Train on the frames with `python -m experiments.train --source.walks FILE`; no labels are needed. What is walked is
+    kept batch by batch: the same command goes on where it was stopped.
 
     Attributes:
         run: folder of a training run; the planner that ships with the package if left out.
-        out: file to write.
+        out: file to write; until it is complete, finished batches are in a folder beside it that ends in .parts.
         tasks: number of walks.
         seconds: longest walk.
         stride: camera frames from one that is kept to the next.
-        policy: who walks.
+        policy: who walks: default, networks, published or classical; see experiments.evaluate.
         width: walks at a time.
         devices: number of devices, all by default; on a CPU that many are made of its cores.
         seed: of tasks, noise and goals.
@@ -62,33 +66,65 @@ def main(arguments: list[str] | None = None) -> int:
         collect(command)
     except (InputError, CheckpointError, OSError) as error:
         exit_with(error)
+    except KeyboardInterrupt:
+        return stopped("the same command goes on with the batches that are not walked yet")
     return 0
 
 
 def collect(command: Command) -> None:
     """Walk, keep frames, say what came out."""
-    if command.tasks < 1 or not command.seconds > 0 or command.stride < 1 or command.policy not in POLICIES:
+    require_at_least(command, tasks=1, stride=1, width=1, seed=0)
+    if not command.seconds > 0 or command.policy not in POLICIES:
         raise InputError(
-            f"Give at least one task, a positive time and stride, and a policy of {', '.join(POLICIES)}; got "
-            f"{command.tasks}, {command.seconds} s, {command.stride} and {command.policy!r}."
+            f"Give a positive time and a policy of {', '.join(POLICIES)}; got {command.seconds} s and "
+            f"{command.policy!r}."
         )
-    navigator = make_navigator(command.policy, planner_of(command.run)[0])
+    planner, _, name = planner_of(command.run)
+    navigator = make_navigator(command.policy, planner)
     program = EpisodeProgram(navigator, min(command.width, command.tasks), command.devices, images=True)
-    parts, outcomes = [], []
+    folder = parts_folder(command, name, program.width)
+    parts: list[FrameSet] = []
+    ends: Counter[str] = Counter()
     with progress_bar("walks", command.tasks) as show:
         for first in range(0, command.tasks, program.width):
-            numbers = range(first, min(first + program.width, command.tasks))
-            tasks = [training_task(1_000_000 * (command.seed + 1) + k) for k in numbers]
-            tasks = [dataclasses.replace(task, time_limit=command.seconds) for task in tasks]
-            record = program.run(tasks, seed=command.seed + first)
-            outcomes += [Outcome(int(last)) for last in record.outcome[:, -1]]
-            parts.append(frames_from_episodes(navigator.camera, tasks, record, command.stride, command.seed + first))
+            file, numbers = folder / f"{first}.npz", range(first, min(first + program.width, command.tasks))
+            if not file.exists():
+                tasks = [training_task(1_000_000 * (command.seed + 1) + k) for k in numbers]
+                tasks = [dataclasses.replace(task, time_limit=command.seconds) for task in tasks]
+                record = program.run(tasks, seed=command.seed + first)
+                names = [Outcome(int(last)).name.lower().replace("_", " ") for last in record.outcome[:, -1]]
+                file.with_suffix(".json").write_text(json.dumps(names) + "\n")
+                seed = command.seed + first
+                save_frames(frames_from_episodes(navigator.camera, tasks, record, command.stride, seed), file)
+            parts.append(load_frames(file))
+            ends.update(json.loads(file.with_suffix(".json").read_text()))
             show(numbers[-1] + 1)
     frames = reduce(joined, parts)
     save_frames(frames, command.out)
-    counts = {end: outcomes.count(end) for end in Outcome if end in outcomes}
-    ends = ", ".join(f"{count} {end.name.lower().replace('_', ' ')}" for end, count in counts.items())
-    say(f"{len(frames)} frames of {command.tasks} walks ({ends}) are in {command.out}.")
+    shutil.rmtree(folder)
+    counts = ", ".join(f"{ends[end]} {end}" for end in sorted(ends))
+    say(f"{len(frames)} frames of {command.tasks} walks ({counts}) are in {command.out}.")
+
+
+def parts_folder(command: Command, planner: str, width: int) -> Path:
+    """The folder of finished batches; says what it holds.
+
+    Raises:
+        InputError: if they were walked with other options, or by other networks.
+    """
+    folder = command.out.with_suffix(".parts")
+    folder.mkdir(parents=True, exist_ok=True)
+    names = ("tasks", "seconds", "stride", "policy", "seed")
+    wanted = {name: getattr(command, name) for name in names} | {"planner": planner, "width": width}
+    settings = folder / "settings.json"
+    if not any(folder.iterdir()):
+        settings.write_text(json.dumps(wanted, indent=2) + "\n")
+    elif not settings.exists() or json.loads(settings.read_text()) != wanted:
+        raise InputError(f"{folder} holds something else or walks with other options; move it or choose another --out.")
+    finished = len(list(folder.glob("*.npz")))
+    if finished:
+        say(f"{finished} batches are there already.")
+    return folder
 
 
 if __name__ == "__main__":

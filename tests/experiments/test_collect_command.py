@@ -1,0 +1,82 @@
+"""The collecting command: batches that are kept as they come, and going on with them after Ctrl-C."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from experiments import collect
+from iwalker_jax.navigation.task import Outcome
+from iwalker_jax.training.frames import FrameSet, load_frames
+from tests.evaluation.episodes import make_task
+from tests.experiments.commands import fails_with_one_sentence
+
+
+@pytest.fixture
+def walked(monkeypatch):
+    """Batches of two that only pretend to be walked; the seeds of those that were, of which 4 is stopped once."""
+    seeds = []
+
+    class Program:
+        width = 2
+
+        def __init__(self, *arguments, **options):
+            pass
+
+        def run(self, tasks, seed):
+            seeds.append(seed)
+            if seed == 4 and seeds.count(4) == 1:
+                raise KeyboardInterrupt
+            return SimpleNamespace(outcome=np.array([[Outcome.RUNNING, Outcome.REACHED]] * len(tasks)))
+
+    def frames(camera, tasks, record, stride, seed):
+        n = len(tasks)
+        depth, zeros = np.full((n, 2, 3), seed, np.uint16), np.zeros((n, 5), np.float32)
+        return FrameSet(depth, zeros, zeros[:, None, :2], zeros[:, :3], np.zeros(n, np.int32), (f"{seed}",))
+
+    monkeypatch.setattr(collect, "EpisodeProgram", Program)
+    monkeypatch.setattr(collect, "frames_from_episodes", frames)
+    monkeypatch.setattr(collect, "training_task", lambda seed: make_task(f"training-{seed}"))
+    monkeypatch.setattr(collect, "planner_of", lambda run: (None, None, f"networks of {run}"))
+    monkeypatch.setattr(collect, "make_navigator", lambda policy, planner: SimpleNamespace(camera=None))
+    return seeds
+
+
+def test_a_stopped_collection_goes_on_where_it_was(walked, tmp_path, capsys):
+    """Oracle: which batches were walked, and their frames, filled with their own seeds."""
+    file = tmp_path / "walks.npz"
+    options = ["--tasks", "5", "--out", str(file)]
+    assert collect.main(options) == 130
+    assert "goes on" in capsys.readouterr().out and not file.exists()
+    sentence = fails_with_one_sentence(lambda: collect.main([*options, "--stride", "3"]), capsys)
+    assert "other options" in sentence
+    assert collect.main(options) == 0
+    assert walked == [0, 2, 4, 4]
+    printed = capsys.readouterr().out
+    assert "2 batches are there already" in printed and "5 frames of 5 walks (5 reached)" in printed
+    frames = load_frames(file)
+    assert list(frames.depth[:, 0, 0]) == [0, 0, 2, 2, 4] and frames.scene_names == ("0", "2", "4")
+    assert not (tmp_path / "walks.parts").exists()
+
+
+def test_a_folder_of_something_else_is_left_alone(walked, tmp_path, capsys):
+    (tmp_path / "walks.parts").mkdir()
+    (tmp_path / "walks.parts" / "mine").write_text("mine")
+    run = lambda: collect.main(["--out", str(tmp_path / "walks.npz")])  # noqa: E731
+    assert "something else" in fails_with_one_sentence(run, capsys)
+    assert (tmp_path / "walks.parts" / "mine").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--tasks", "0"], "--tasks is 0; give at least 1"),
+        (["--stride", "0"], "--stride"),
+        (["--width", "0"], "--width"),
+        (["--seconds", "nan"], "positive time"),
+        (["--policy", "psychic"], "psychic"),
+    ],
+)
+def test_bad_options_are_one_sentence(tmp_path, capsys, options, words):
+    run = lambda: collect.main([*options, "--out", str(tmp_path / "walks.npz")])  # noqa: E731
+    assert words in fails_with_one_sentence(run, capsys)
