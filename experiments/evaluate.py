@@ -19,7 +19,7 @@ from typing import Annotated, Literal
 import jax
 import tyro
 
-from experiments.console import Advance, come_together, console, exit_with, progress_bar, say
+from experiments.console import Advance, come_together, console, exit_with, progress_bar, require_at_least, say, stopped
 from experiments.planner import planner_of
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.navigation_film import FilmSettings
@@ -56,7 +56,9 @@ class Command:
             test_corridor, test_corner; `none` for no walks.
         count: of generated walks.
         seeds: of every other set.
-        policies: comma-separated: default, networks (as published) and classical (no iPath); networks@FOLDER asks
+        policies: comma-separated: default (iPath leads to the next way point of the remembered route), networks
+            (iPath and iStepper alone choose the way; the step MPC still corrects footsteps while walking), published
+            (networks without that correction) and classical (the route instead of iPath's path); networks@FOLDER asks
             the networks of another training run, in the same table.
         depth: noisy or ideal depth images.
         state: what the robot knows of its own state: estimated from noisy sensors, or true.
@@ -90,6 +92,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
     try:
+        require_at_least(command, unseen_scenes=0)
         come_together(command.group)
         planner, config, name = planner_of(command.run, command.checkpoint)
         # Wrong names are said before an hour of work.
@@ -104,8 +107,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (InputError, CheckpointError, OSError) as error:
         exit_with(error)
     except KeyboardInterrupt:
-        say("Stopped; the same command goes on with the walks where they are.")
-        return 130
+        return stopped("the same command goes on with the walks where they are")
     say(f"Pictures and tables are in {out}; the report is {page}.")
     return 0
 

@@ -18,7 +18,7 @@ import numpy as np
 import tyro
 from flax import nnx
 
-from experiments.console import exit_with, progress_bar, say
+from experiments.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.train import prepare_data
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.intervals import mean_interval
@@ -28,7 +28,7 @@ from iwalker_jax.evaluation.navigation_tables import episode_values
 from iwalker_jax.evaluation.tables import Column, Table, aligned_text, legend
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.generated_tasks import generated_tasks
-from iwalker_jax.navigation.navigators import make_navigator
+from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.navigation.task import Task
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.training.batches import Batch, gather_batch
@@ -62,7 +62,8 @@ class Command:
         out: folder of runs and table; finished runs in it are not repeated.
         epochs: passes through the frames; frames: their number.
         tasks: generated walks a variant, all of them at a time; seed: of training, tasks and noise.
-        policy: of `navigators.POLICIES`; networks has iStepper follow the path itself.
+        policy: who walks: default, networks, published or classical; see experiments.evaluate. networks has iStepper
+            follow the path itself.
         weights: of the variant that asks for all.
     """
 
@@ -138,6 +139,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     command = tyro.cli(Command, args=sys.argv[1:] if arguments is None else arguments)
     try:
+        # Whatever would fail after hours of training is refused before.
+        require_at_least(command, epochs=1, frames=1, tasks=1, seed=0)
+        if command.policy not in POLICIES:
+            raise InputError(f"Unknown policy {command.policy!r}; choose one of {', '.join(POLICIES)}.")
         configs = variants(command)
         data = prepare_data(configs["without"])
         planners = {}
@@ -156,6 +161,8 @@ def main(arguments: list[str] | None = None) -> int:
         rows = {label: walked(planner, command, tasks, shortest) for label, planner in planners.items()}
     except (InputError, CheckpointError, FloatingPointError, OSError) as error:
         exit_with(error)
+    except KeyboardInterrupt:
+        return stopped("the same command goes on with the trainings that are not finished")
     table = Table(
         tuple(((label, str(len(values))), tuple(values)) for label, values in rows.items()),
         ("low level", "episodes"),

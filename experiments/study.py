@@ -9,7 +9,7 @@ from pathlib import Path
 
 import tyro
 
-from experiments.console import exit_with, progress_bar, say
+from experiments.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.train import prepare_data
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.report import standard_sequences
@@ -73,12 +73,15 @@ def study_main(
     given = sys.argv[1:] if arguments is None else arguments
     command = tyro.cli(StudyCommand, args=given, default=default, description=description)
     try:
+        require_at_least(command, seeds=1, epochs=1, frames=1, unseen_scenes=0)
         config = TrainConfig(epochs=command.epochs)
         config = dataclasses.replace(config, source=dataclasses.replace(config.source, frames=command.frames))
         data = prepare_data(config)
         table = run_study(variants_of(config), command.seeds, data, command.out, command.unseen_scenes, title, also)
     except (InputError, CheckpointError, FloatingPointError, OSError) as error:
         exit_with(error)
+    except KeyboardInterrupt:
+        return stopped("the same command goes on with the trainings that are not finished")
     return 130 if table is None else 0
 
 

@@ -17,7 +17,16 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.console import come_together, config_file, console, exit_with, progress_bar, say
+from experiments.console import (
+    come_together,
+    config_file,
+    console,
+    exit_with,
+    progress_bar,
+    require_at_least,
+    say,
+    stopped,
+)
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.report import evaluate_all, standard_sequences
 from iwalker_jax.evaluation.sequences import Sequence
@@ -138,6 +147,7 @@ def main(arguments: list[str] | None = None) -> int:
     began = time.perf_counter()
     try:
         command = parse(sys.argv[1:] if arguments is None else arguments)
+        require_at_least(command, unseen_scenes=0)
         come_together(command.group)
         if not is_first():
             return help_training(command)
@@ -157,6 +167,8 @@ def main(arguments: list[str] | None = None) -> int:
         table = evaluate_all(planner, command.config.models, sequences, command.out / "evaluation", say=say)
     except (InputError, CheckpointError, FloatingPointError, OSError) as error:
         exit_with(error)
+    except KeyboardInterrupt:
+        return stopped("the same command goes on from the newest checkpoint")
     console.print()
     say(table.text())
     say(legend())

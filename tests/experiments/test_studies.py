@@ -4,8 +4,9 @@ import dataclasses
 
 import pytest
 
-from experiments import ablation, compare, low_level
+from experiments import ablation, compare, evaluate, low_level, study, train
 from iwalker_jax.training.config import TrainConfig
+from tests.experiments.commands import fails_with_one_sentence
 
 DEFAULT = TrainConfig(epochs=8)
 
@@ -65,3 +66,34 @@ def test_differences_are_paired_by_task():
     first, second = ([{column.title: value} for value in values] for values in ((1, 2, float("nan")), (3, 6, 1)))
     assert low_level.difference(first, second, column) == "+3.00 [+1.04, +4.96] (2)"
     assert low_level.difference(first[:1], second[:1], column) == "-"
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "words"),
+    [
+        (compare, ["--seeds", "0"], "--seeds is 0; give at least 1"),
+        (ablation, ["--unseen-scenes", "-1"], "--unseen-scenes is -1; give at least 0"),
+        (train, ["--unseen-scenes", "-1"], "--unseen-scenes"),
+        (evaluate, ["--unseen-scenes", "-1"], "--unseen-scenes"),
+        (low_level, ["--policy", "psychic"], "psychic"),
+        (low_level, ["--tasks", "0"], "--tasks"),
+    ],
+)
+def test_what_would_fail_late_is_refused_at_once(tmp_path, capsys, monkeypatch, command, options, words):
+    """Property: one sentence before any frame is made."""
+    for module in (study, train, low_level):
+        monkeypatch.setattr(module, "prepare_data", lambda config: pytest.fail("work was begun"))
+    run = lambda: command.main([*options, "--out", str(tmp_path / "out")])  # noqa: E731
+    assert words in fails_with_one_sentence(run, capsys)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", [compare, low_level, train])
+def test_a_stopped_command_says_how_to_go_on(tmp_path, capsys, monkeypatch, command):
+    def stopped(config):
+        raise KeyboardInterrupt
+
+    for module in (study, train, low_level):
+        monkeypatch.setattr(module, "prepare_data", stopped)
+    assert command.main(["--out", str(tmp_path)]) == 130
+    assert "Stopped; the same command goes on" in capsys.readouterr().out
