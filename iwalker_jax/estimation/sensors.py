@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int, Key
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation.attitude import rotation_matrix, yaw_of
 from iwalker_jax.estimation.readings import Readings
+from iwalker_jax.geometry.planar import turn
 
 _IN_FLIGHT = 4  # images under way at a time
 
@@ -35,6 +36,8 @@ class SensorNoise:
         image_delay: [s] from the image to its pose.
         image_position_std: [m] per axis.
         image_yaw_std: [rad].
+        image_drift: [m] per axis for the square root of a metre walked: odometry adds up its errors.
+        image_yaw_drift: [rad] for the square root of a metre walked.
         image_dropout: chance that an image gives no pose.
     """
 
@@ -52,6 +55,8 @@ class SensorNoise:
     image_delay: float = 0.05
     image_position_std: float = 0.005
     image_yaw_std: float = math.radians(0.3)
+    image_drift: float = 0.01
+    image_yaw_drift: float = math.radians(0.3)
     image_dropout: float = 0.1
 
     def __post_init__(self) -> None:
@@ -97,6 +102,8 @@ class SensorNoise:
             image_delay=0.1,
             image_position_std=0.015,
             image_yaw_std=math.radians(1.0),
+            image_drift=0.03,
+            image_yaw_drift=math.radians(1.0),
             image_dropout=0.3,
         )
 
@@ -117,6 +124,7 @@ class SensorState(NamedTuple):
         image_count: () int32 images taken.
         poses: (4, 4) x, y, z [m] and yaw [rad] of images under way.
         ages: (4,) [s] since each was taken; infinite if there is none.
+        drift: (3,) x, y [m] and yaw [rad] by which odometry has lost the true pose.
     """
 
     key: Key[Array, ""]
@@ -127,6 +135,7 @@ class SensorState(NamedTuple):
     image_count: Int[Array, ""]
     poses: Float[Array, "4 4"]
     ages: Float[Array, "4"]
+    drift: Float[Array, "3"]
 
 
 def initial_sensors(noise: SensorNoise, key: Key[Array, ""], qpos: Float[Array, "positions"]) -> SensorState:
@@ -142,6 +151,7 @@ def initial_sensors(noise: SensorNoise, key: Key[Array, ""], qpos: Float[Array, 
         image_count=jnp.zeros((), jnp.int32),
         poses=jnp.zeros((_IN_FLIGHT, 4), dtype),
         ages=jnp.full(_IN_FLIGHT, jnp.inf, dtype),
+        drift=jnp.zeros(3, dtype),
     )
 
 
@@ -170,9 +180,10 @@ def simulate_sensors(
     """
     dtype, joints = qpos.dtype, qpos.shape[0] - 7
     key, key_normal, key_drop = jax.random.split(sensors.key, 3)
-    normal = jax.random.normal(key_normal, (16 + 2 * joints,), dtype)
+    normal = jax.random.normal(key_normal, (19 + 2 * joints,), dtype)
     force_noise, gyro_noise, force_walk, gyro_walk = normal[:12].reshape(4, 3)
-    image_noise, encoder_noise, rate_noise = normal[12:16], normal[16 : 16 + joints], normal[16 + joints :]
+    image_noise, drift_noise, joint_noise = normal[12:16], normal[16:19], normal[19:]
+    encoder_noise, rate_noise = joint_noise[:joints], joint_noise[joints:]
 
     # Ornstein-Uhlenbeck biases.
     keep = math.exp(-noise.control_period / noise.bias_time)
@@ -184,6 +195,14 @@ def simulate_sensors(
         # Only the rounding is piecewise constant: derivatives pass as if there were none.
         angles += jax.lax.stop_gradient(jnp.round(angles / noise.encoder_step) * noise.encoder_step - angles)
 
+    # Odometry adds up what it believes to have moved, turned by how wrong its heading is.
+    moved = qvel[:2] * noise.control_period
+    square = jnp.sum(moved**2)
+    walked = jnp.where(square > 0, jnp.where(square > 0, square, 1) ** 0.25, 0)  # square root of the distance
+    spread = jnp.asarray([noise.image_drift, noise.image_drift, noise.image_yaw_drift], dtype)
+    turned = turn(sensors.drift[2], moved) - moved
+    drift = sensors.drift + jnp.append(turned, 0) + walked * spread * drift_noise
+
     # Take an image when its time has come; it is lost by never entering the queue.
     phase = sensors.image_phase + noise.image_rate * noise.control_period
     taken = phase >= 1
@@ -191,7 +210,8 @@ def simulate_sensors(
     slots = jnp.arange(_IN_FLIGHT)
     enters = entered & (slots == sensors.image_count % _IN_FLIGHT)
     scale = jnp.asarray([noise.image_position_std] * 3 + [noise.image_yaw_std], dtype)
-    pose = jnp.concatenate([qpos[:3], yaw_of(qpos[3:7])[None]]) + scale * image_noise
+    truth = jnp.concatenate([qpos[:3], yaw_of(qpos[3:7])[None]])
+    pose = truth + jnp.stack([drift[0], drift[1], jnp.zeros_like(drift[0]), drift[2]]) + scale * image_noise
     poses = jnp.where(enters[:, None], pose, sensors.poses)
     ages = jnp.where(enters, 0, sensors.ages + noise.control_period)
     # The oldest image that is due; half a period of slack keeps rounding from adding a tick.
@@ -218,4 +238,5 @@ def simulate_sensors(
         image_count=sensors.image_count + entered,
         poses=poses,
         ages=jnp.where(delivered, jnp.inf, ages),
+        drift=drift,
     ), readings

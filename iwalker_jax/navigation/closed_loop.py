@@ -6,6 +6,7 @@ frame it is seen whether a step has begun, and then the footsteps are planned an
 to be.
 """
 
+import math
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -103,7 +104,8 @@ class LoopState(NamedTuple):
         goal: index of the present goal.
         outcome: `Outcome` so far.
         anchor: (3,) x, y [m] and time [s] of the last progress; last_way: () [s] when the map last had a way.
-        key: of the depth noise.
+        key: of the depth noise that changes with each frame; surfaces: of what lasts, drawn at the `view` (3,) x, y
+            [m] and bearing [rad] of the camera.
     """
 
     walk: WalkState
@@ -116,6 +118,8 @@ class LoopState(NamedTuple):
     anchor: Float[Array, "3"]
     last_way: Float[Array, ""]
     key: Array
+    surfaces: Array
+    view: Float[Array, "3"]
 
 
 class Wish(NamedTuple):
@@ -154,6 +158,8 @@ def start_episode(navigator: Navigator, task: TaskArrays, conditions: Conditions
         anchor=jnp.append(base[:2], 0.0),
         last_way=jnp.zeros((), dtype),
         key=jax.random.fold_in(conditions.key, 1),
+        surfaces=jax.random.fold_in(conditions.key, 2),
+        view=_view(*camera_in_world(navigator.camera, conditions.qpos)),
     )
 
 
@@ -169,11 +175,12 @@ def camera_frame(
     running = state.outcome == Outcome.RUNNING
     time = state.walk.physics.time
     scene = obstacles_at(faults, task.scene, time)
-    conditions = conditions._replace(images_lost=within(faults.odometry, time))
+    # Visual odometry looks through the same camera.
+    unseen = within(faults.odometry, time) | within(faults.blind, time) | within(faults.frozen, time)
+    conditions = conditions._replace(images_lost=unseen)
     believed, mount, speed = _believed_base(navigator, state.walk)
-    depth, key = _see(navigator, scene, faults, state)
-    health = check_camera(navigator.health, state.health, depth, speed)
-    state = state._replace(key=key, health=health)
+    state, depth = _see(navigator, scene, faults, state)
+    state = state._replace(health=check_camera(navigator.health, state.health, depth, speed))
 
     goal, arrived = _next_goal(navigator, task, state.goal, believed)
     seeing = Sight(depth, mount, believed, task.goals[goal])
@@ -184,7 +191,7 @@ def camera_frame(
     anchor, lost = _progress(navigator.loop, state.anchor, believed, time)
     last_way = jnp.where(guidance.way, time, state.last_way)
     lost = lost | (time - last_way > navigator.loop.hopeless)
-    wish = Wish(guidance, health.failed | arrived | lost)
+    wish = Wish(guidance, state.health.failed | arrived | lost)
     state = state._replace(anchor=anchor, last_way=last_way)
     look = partial(_walk_on, navigator, scene, conditions, wish)
     state, (samples, clearances) = jax.lax.scan(look, state, None, length=navigator.loop.looks)
@@ -244,16 +251,28 @@ def _believed_base(navigator: Navigator, walk: WalkState) -> tuple[Array, Array,
     return base, measured_mount(rotation, position, base), speed
 
 
-def _see(navigator: Navigator, scene: Any, faults: Faults, state: LoopState) -> tuple[Array, Array]:
-    """Depth [m] as the camera delivers it, and the key of the next frame's noise."""
-    key, own = jax.random.split(state.key)
+def _view(rotation: Float[Array, "3 3"], position: Float[Array, "3"]) -> Float[Array, "3"]:
+    """x, y [m] and bearing [rad] of a camera in the world; it looks along its z axis."""
+    return jnp.append(position[:2], jnp.arctan2(rotation[1, 2], rotation[0, 2]))
+
+
+def _see(navigator: Navigator, scene: Any, faults: Faults, state: LoopState) -> tuple[LoopState, Array]:
+    """The state with the keys of the next frame's noise, and depth [m] as the camera delivers it."""
     rotation, position = camera_in_world(navigator.camera, state.walk.physics.qpos)
     depth = render_depth(scene, navigator.intrinsics, rotation, position)
-    if navigator.noise is not None:
-        depth = add_depth_noise(own, depth, navigator.noise, navigator.intrinsics)
+    noise = navigator.noise
+    if noise is not None:
+        key, own, drawn = jax.random.split(state.key, 3)
+        view = _view(rotation, position)
+        apart = view - state.view
+        moved = jnp.sum(apart[:2] ** 2) > noise.view_distance**2
+        moved |= jnp.cos(apart[2]) < math.cos(min(noise.view_turn, math.pi))
+        surfaces = jnp.where(moved, drawn, state.surfaces)
+        state = state._replace(key=key, surfaces=surfaces, view=jnp.where(moved, view, state.view))
+        depth = add_depth_noise(own, depth, noise, navigator.intrinsics, surfaces)
     time = state.walk.physics.time
     depth = jnp.where(within(faults.blind, time), 0.0, depth)
-    return jnp.where(within(faults.frozen, time), state.health.last, depth), key
+    return state, jnp.where(within(faults.frozen, time), state.health.last, depth)
 
 
 def _next_goal(navigator: Navigator, task: TaskArrays, goal: Array, believed: Array) -> tuple[Array, Array]:
@@ -306,6 +325,9 @@ def _with_footsteps(navigator: Navigator, wish: Wish, state: LoopState) -> LoopS
     stop = stop_steps(istepper.geometry.count, istepper.geometry.width, stance)
     ends = begun & wish.stop
     new = begun | go
+    # A robot that stands and is to stop forgets footsteps that it has not begun.
+    count = jnp.where(stands & wish.stop, 0, state.plan.count)
+    state = state._replace(plan=state.plan._replace(count=count))
     chosen = jax.tree.map(lambda a, b: jnp.where(ends, a, b), stop, follow)
     plan = jax.tree.map(lambda a, b: jnp.where(new, a, b), chosen, state.plan)
     # The gait counts its steps along the plan and moves plans that it cannot keep; a new plan starts at the robot.

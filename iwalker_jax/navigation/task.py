@@ -31,7 +31,7 @@ SENTENCES = {
     Outcome.REACHED: "stood at its last goal",
     Outcome.COLLIDED: "its body touched an obstacle",
     Outcome.FELL: "fell",
-    Outcome.GAVE_UP: "stopped, because it found no way to its goal",
+    Outcome.GAVE_UP: "stopped, because it found no way to its goal or saw nothing",
     Outcome.TIMED_OUT: "ran out of time",
 }
 

@@ -30,6 +30,7 @@ class DepthNoise:
         growth: exponent of that growth; 2 would be constant noise in disparity, weak texture far away adds to it.
         noise_length: [px] correlation length of the range noise (the matching window).
         surface_bias: lasting range error of a surface as a multiple of the noise that changes with each frame.
+        view_distance, view_turn: [m], [rad] motions of the camera after which a surface is matched anew.
         surface_spread: spread of the noise from surface to surface, standard deviation of its logarithm.
         surface_length: [px] correlation length of surface patches and holes.
         near_holes: fraction of pixels without a match on near smooth surfaces.
@@ -51,6 +52,8 @@ class DepthNoise:
     growth: float = 2.55
     noise_length: float = 9.0
     surface_bias: float = 1.3
+    view_distance: float = 0.3
+    view_turn: float = 0.3
     surface_spread: float = 0.5
     surface_length: float = 11.0
     near_holes: float = 0.006

@@ -44,9 +44,9 @@ def _filter(parameters, legs, starts, readings, contacts) -> EstimatorState:
     return jax.vmap(one)(starts, readings)
 
 
-def sense(motion: Motion, noise: SensorNoise, dtype=jnp.float32) -> Readings:
-    """Readings of RUNS runs over the same motion."""
-    keys = jax.random.split(jax.random.key(0), RUNS)
+def sense(motion: Motion, noise: SensorNoise, dtype=jnp.float32, runs: int = RUNS) -> Readings:
+    """Readings of several runs over the same motion."""
+    keys = jax.random.split(jax.random.key(0), runs)
     return _sense(noise, keys, *(jnp.asarray(a, dtype) for a in (motion.qpos, motion.qvel, motion.force)))
 
 

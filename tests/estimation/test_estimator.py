@@ -35,9 +35,10 @@ def test_perfect_sensors(motion):
 def test_velocity_is_good_enough_to_walk_on(motion, noise):
     motion = motion()
     estimates = estimate(motion, sense(motion, noise))
-    assert rms(velocity_error(estimates, motion)) < (0.013 if noise == SensorNoise.nominal() else 0.025)
-    assert np.abs(velocity_error(estimates, motion)).max() < 0.07
-    assert rms(position_error(estimates, motion)) < 0.012
+    nominal = noise == SensorNoise.nominal()
+    assert rms(velocity_error(estimates, motion)) < (0.013 if nominal else 0.025)
+    assert np.abs(velocity_error(estimates, motion)).max() < (0.07 if nominal else 0.09)
+    assert rms(position_error(estimates, motion)) < (0.012 if nominal else 0.04)
     assert rms(rotation_error(estimates.quaternion, motion.qpos[:, 3:7])) < np.radians(1.0)
     state = jax.tree.map(lambda x: x[0, -1], estimates)
     qpos, qvel = estimated_qpos_qvel(state)

@@ -79,6 +79,29 @@ def test_images_come_late_at_their_rate_and_some_are_lost(noise):
         np.testing.assert_allclose(gaps, np.round(gaps), atol=1.5 * PERIOD * noise.image_rate)
 
 
+def test_odometry_loses_its_way_with_the_distance():
+    """Oracle: a random walk's spread, and a heading error that turns what is walked afterwards."""
+    speed, runs = 0.5, 200
+    motion = moving()
+    motion.qpos[:, 0] *= speed
+    motion.qvel[:, 0] = speed
+    walked = speed * TICKS * PERIOD
+    noise = SensorNoise.none().replace(image_drift=0.02, image_yaw_drift=0.05)
+    readings = sense(motion, noise, runs=runs)
+    seen = np.asarray(readings.image_arrived)
+    ends = np.array([np.flatnonzero(row)[-1] for row in seen])
+    each = np.arange(runs)
+    error = np.asarray(readings.image_position)[each, ends, :2] - motion.qpos[ends, :2]
+    yaw = np.asarray(readings.image_yaw)[each, ends]
+    assert np.isclose(yaw.std(), noise.image_yaw_drift * np.sqrt(walked), rtol=0.15)
+    assert np.isclose(error[:, 0].std(), noise.image_drift * np.sqrt(walked), rtol=0.2)
+    # Sideways the heading adds the integral of a random walk over the distance: its variance is a third of the cube.
+    sideways = np.hypot(noise.image_drift * np.sqrt(walked), noise.image_yaw_drift * np.sqrt(walked**3 / 3))
+    assert np.isclose(error[:, 1].std(), sideways, rtol=0.2)
+    still = sense(motion._replace(qvel=0 * motion.qvel), noise)
+    assert np.all(np.asarray(still.image_yaw)[np.asarray(still.image_arrived)] == 0)
+
+
 def test_runs_differ_by_key_only(standing):
     start, noise = jnp.asarray(standing.qpos[0]), SensorNoise()
     first, again, other = (initial_sensors(noise, jax.random.key(k), start) for k in (0, 0, 1))

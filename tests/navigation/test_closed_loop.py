@@ -31,6 +31,7 @@ def task(name: str, boxes: np.ndarray = WALLS, cylinders: np.ndarray = PILLAR) -
 EPISODES = {
     "plain": (task("plain"), make_faults()),
     "blind": (task("blind"), make_faults(blind=(4.0, 1e6))),
+    "dark": (task("dark"), make_faults(blind=(0.0, 1e6))),
     "frozen": (task("frozen"), make_faults(frozen=(4.0, 7.0))),
     "odometry": (task("odometry"), make_faults(odometry=(5.0, 6.0))),
     "moved": (
@@ -75,6 +76,11 @@ def test_a_robot_without_eyes_stops_within_a_second_and_a_half(record, name, beg
     assert row.stopped[span].all()
     places = row.base[span, :2]
     assert np.ptp(places, axis=0).max() < 0.08
+
+
+def test_a_robot_that_never_saw_anything_never_takes_a_step(record):
+    assert end(record["dark"]) == Outcome.GAVE_UP
+    assert np.ptp(record["dark"].feet[..., :2], axis=0).max() < 0.02
 
 
 @pytest.mark.parametrize("name", ["blind", "unreachable"])
