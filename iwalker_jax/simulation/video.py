@@ -68,12 +68,15 @@ def write_frames(file: Path, frames: Iterator[UInt8[np.ndarray, "height width 3"
         fps: frames a second.
 
     Raises:
-        InputError: a file that cannot be written; no broken file is left behind.
+        InputError: a file that cannot be written. Whatever goes wrong, no broken file is left behind, and one that was
+            there before is kept.
     """
     file = Path(file)
-    if _suffix(file) == ".gif":
-        return _write_gif(_opened(file, frames), file, fps)
-    return _write_movie(_opened(file, frames), file, fps)
+    write = _write_gif if _suffix(file) == ".gif" else _write_movie
+    # The first frame shows what is wrong with motion, camera or OpenGL before a file is opened.
+    frames = itertools.chain([next(frames)], frames)
+    with _whole_or_not_at_all(file) as part:
+        return write(frames, part, fps)
 
 
 def _suffix(file: Path) -> str:
@@ -83,16 +86,21 @@ def _suffix(file: Path) -> str:
     return suffix
 
 
-def _opened(file: Path, frames: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
-    """The frames, once the first is drawn and the file is there."""
-    # The first frame shows what is wrong with motion, camera or OpenGL before a file is opened.
-    frames = itertools.chain([next(frames)], frames)
+@contextmanager
+def _whole_or_not_at_all(file: Path) -> Iterator[Path]:
+    """A file beside the wanted one to write to; it takes that one's place when it is complete, else it goes."""
+    part = file.with_name(f"{file.stem}.part{file.suffix}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.open("wb").close()
+        part.open("wb").close()
+        try:
+            yield part
+            part.replace(file)
+        finally:
+            part.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"The video {file} cannot be written ({error.strerror}); choose another place.") from error
-    return frames
+        why = error.strerror or error
+        raise InputError(f"The video {file} cannot be written ({why}); choose another place.") from error
 
 
 def show(
@@ -135,13 +143,14 @@ def _write_movie(frames: Iterator[np.ndarray], file: Path, fps: float) -> int:
     with _without_stderr():
         writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, codec, fps, size)
     if not writer.isOpened():
-        file.unlink()
-        raise InputError(f"This OpenCV cannot encode {file}; use the suffix .gif.")
+        raise InputError(f"This OpenCV cannot encode {file.suffix} files; use the suffix .gif.")
     count = 0
-    for image in itertools.chain([first], frames):
-        writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-        count += 1
-    writer.release()
+    try:
+        for image in itertools.chain([first], frames):
+            writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+            count += 1
+    finally:
+        writer.release()
     return count
 
 

@@ -18,7 +18,7 @@ import mujoco  # noqa: E402
 from PIL import Image  # noqa: E402
 
 from iwalker_jax.simulation.filming import Overlays, VideoSettings, render_frames  # noqa: E402
-from iwalker_jax.simulation.video import show, write_video  # noqa: E402
+from iwalker_jax.simulation.video import show, write_frames, write_video  # noqa: E402
 from iwalker_jax.simulation.walk_record import TimedFootsteps  # noqa: E402
 
 BOX = """
@@ -160,6 +160,26 @@ def test_bad_motions_cameras_and_overlays_leave_no_file(box, tmp_path, motion, s
     with pytest.raises(InputError, match=words):
         write_video(tmp_path / "walk.mp4", box, *motion(box), VideoSettings(**settings), Overlays(**overlays))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", ["webm", "mp4", "gif"])
+@pytest.mark.parametrize("error", [KeyboardInterrupt, InputError])
+def test_an_interrupted_film_leaves_nothing_and_keeps_the_one_before(tmp_path, suffix, error):
+    def frames(broken):
+        for k in range(8):
+            if broken and k == 4:
+                raise error("stopped")
+            yield np.full((48, 64, 3), 30 * k, np.uint8)
+
+    file = tmp_path / f"film.{suffix}"
+    with pytest.raises(error):
+        write_frames(file, frames(broken=True), 10.0)
+    assert list(tmp_path.iterdir()) == []
+    assert write_frames(file, frames(broken=False), 10.0) == 8
+    whole = file.read_bytes()
+    with pytest.raises(error):
+        write_frames(file, frames(broken=True), 10.0)
+    assert list(tmp_path.iterdir()) == [file] and file.read_bytes() == whole
 
 
 @pytest.mark.parametrize(
