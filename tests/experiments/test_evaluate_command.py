@@ -2,12 +2,16 @@
 
 import csv
 import json
+import re
 import shutil
 
 import cv2
+import jax
 import pytest
+from flax import nnx
 
 from experiments import evaluate
+from experiments.planner import fingerprint, planner_of
 from tests.evaluation.episodes import StubProgram
 from tests.experiments.commands import SCENES, evaluate_command, evaluate_walks_command, fails_with_one_sentence
 from tests.training.recording_folders import write_yaml_recording
@@ -85,17 +89,36 @@ def test_networks_of_several_runs_walk_in_one_table(finished_run, pretended, tmp
     policies = f"classical,networks,networks@{folder}"
     assert evaluate.main(["--unseen-scenes", "0", "--scenes", "--no-videos", "--walks", "corridor", "--seeds", "2",
                           "--policies", policies, "--out", str(tmp_path)]) == 0  # fmt: skip
-    assert pretended == ["classical", "networks", f"networks@{folder}, step 4"]
+    own, other = (planner_of(run)[2] for run in (None, folder))
+    assert own.startswith("pretrained (") and other.startswith(f"{folder}, step 4 (")
+    assert pretended == ["classical", "networks", f"networks@{other}"]
     with (tmp_path / "episodes.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [(row["policy"], row["planner"]) for row in rows[::2]] == [
-        ("classical", "pretrained"),
-        ("networks", "pretrained"),
-        ("networks", f"{folder}, step 4"),
+        ("classical", own),
+        ("networks", own),
+        ("networks", other),
     ]
     with (tmp_path / "navigation.csv").open() as stream:
         assert {row["policy"] for row in csv.DictReader(stream)} == set(pretended)
     assert len(list((tmp_path / "sheets").glob("*.png"))) == 3
+
+
+def test_a_planners_name_changes_with_its_parameters(finished_run):
+    """Another checkpoint of the same run has other parameters, as has a run that is trained again into its folder."""
+    planner = planner_of(finished_run.folder)[0]
+    prints = {
+        fingerprint(planner),
+        fingerprint(planner_of(finished_run.folder, 2)[0]),
+        fingerprint(planner_of(None)[0]),
+    }
+    assert len(prints) == 3 and all(re.fullmatch("[0-9a-f]{8}", digits) for digits in prints)
+    assert fingerprint(planner_of(finished_run.folder)[0]) in prints
+    params = nnx.state(planner, nnx.Param)
+    leaves, structure = jax.tree.flatten(params)
+    leaves[0] = leaves[0].at[(0,) * leaves[0].ndim].add(1e-3)
+    nnx.update(planner, jax.tree.unflatten(structure, leaves))
+    assert fingerprint(planner) not in prints
 
 
 def test_a_stopped_command_says_how_to_go_on(finished_run, tmp_path, monkeypatch, capsys):
