@@ -14,8 +14,15 @@ from iwalker_jax.evaluation.episode_log import EpisodeKey, append_episodes, load
 from iwalker_jax.evaluation.navigation_film import FilmSettings, write_film
 from iwalker_jax.evaluation.navigation_metrics import EpisodeMetrics, episode_metrics, row_of, shortest_route
 from iwalker_jax.evaluation.navigation_tables import navigation_table
-from iwalker_jax.evaluation.navigation_traces import draw_sheets, save_traces, traces_file
-from iwalker_jax.evaluation.navigation_walks import SEEDS_APART, StudySettings, Walk, key_of, walks_of
+from iwalker_jax.evaluation.navigation_traces import draw_sheets, has_traces, save_traces, traces_file
+from iwalker_jax.evaluation.navigation_walks import (
+    Batch,
+    StudySettings,
+    Walk,
+    batches_of,
+    key_of,
+    walks_of,
+)
 from iwalker_jax.navigation.task import EpisodeRecord, Task
 from iwalker_jax.processes import is_first, part
 
@@ -94,7 +101,8 @@ def run_study(
 ) -> Study:
     """Walk everything that the folder's log does not hold yet, and write log, tables, sheets and films.
 
-    After every batch the log episodes.csv has grown and the tables navigation.md and .csv are new. Of several
+    A batch of which an episode or a trace is missing is walked again, and comes out as before. After every batch the
+    log episodes.csv has grown and the tables navigation.md and .csv are new. Of several
     processes each walks its share and logs it in a file of its own; they part at the end, and process 0 goes on alone
     to draw what all have walked.
 
@@ -112,51 +120,54 @@ def run_study(
     study = Study()
     with study.timed("making tasks"):
         walks = walks_of(settings)
+        batches = batches_of(settings, walks)
     process, processes = jax.process_index(), jax.process_count()
     log = log_file(folder, process)
     known = load_logs(folder)
-    batches = [(policy, k) for policy in settings.policies for k in range(0, len(walks), settings.width)]
     # Shares of all batches, not of those left: the logs grow while other processes start.
-    batches = batches[process::processes]
-    todo = [(p, k) for p, k in batches if not _finished(settings, p, walks[k : k + settings.width], known)]
-    if len(todo) < len(batches):
-        say(f"{len(batches) - len(todo)} of {len(batches)} batches are in {folder} already.")
-    done, total = 0, sum(len(walks[k : k + settings.width]) for _, k in todo)
-    shortest: dict[int, float] = {}
+    share = [(policy, batch) for policy in settings.policies for batch in batches][process::processes]
+    todo = [(policy, batch) for policy, batch in share if not _finished(settings, policy, batch, known, folder)]
+    if len(todo) < len(share):
+        say(f"{len(share) - len(todo)} of {len(share)} batches are in {folder} already.")
+    done, total = 0, sum(len(batch.members) for _, batch in todo)
+    shortest: dict[tuple[str, int], float] = {}
     program: Program | None = None
-    for position, (policy, first) in enumerate(todo):
+    for position, (policy, batch) in enumerate(todo):
         if position == 0 or policy != todo[position - 1][0]:
             with study.timed("building policies"):
                 program = make_program(policy, settings.width, False)
         assert program is not None
-        batch = walks[first : first + settings.width]
-        limit = sum(walk.task.time_limit for walk in batch)
+        size, limit = len(batch.members), sum(walk.task.time_limit for walk in batch.members)
 
-        def report(seconds: float, running: int, done=done, size=len(batch), limit=limit, policy=policy) -> None:
+        def report(seconds: float, running: int, done=done, size=size, limit=limit, policy=policy) -> None:
             on_progress(Progress(done + int(size * min(seconds / limit, 0.99)), total, policy, running))
 
-        on_progress(Progress(done, total, policy, len(batch)))
-        seed = settings.seed * SEEDS_APART + first // settings.width
+        on_progress(Progress(done, total, policy, size))
         with study.walking(program):
-            record = program.run([walk.task for walk in batch], seed, on_progress=report)
+            record = program.run([walk.task for walk in batch.members], batch.seed, on_progress=report)
         with study.timed("figures, tables and sheets"):
-            for i in range(first, first + len(batch)):
-                shortest.setdefault(i, shortest_route(walks[i].task))
             rows = []
-            for i, walk in enumerate(batch):
-                metrics = episode_metrics(row_of(record, i), walk.task, shortest[first + i])
+            for i, walk in enumerate(batch.members):
+                which = walk.walks, walk.number
+                if which not in shortest:
+                    shortest[which] = shortest_route(walk.task)
+                metrics = episode_metrics(row_of(record, i), walk.task, shortest[which])
                 rows.append((key_of(settings, policy, walk), walk.task.name, metrics))
-            save_traces(traces_file(folder, settings, policy, first), record)
+            save_traces(traces_file(folder, settings, policy, batch), record)
             append_episodes(log, rows)
             if is_first():
                 navigation_table(grouped(settings, walks, load_logs(folder))).save(folder, "navigation")
-        done += len(batch)
+        done += size
         on_progress(Progress(done, total, policy, 0))
     part()
     if not is_first():
         return study
     known = load_logs(folder)
-    missing = [policy for policy in settings.policies if not _finished(settings, policy, walks, known)]
+    missing = [
+        policy
+        for policy in settings.policies
+        if not all(_finished(settings, policy, batch, known, folder) for batch in batches)
+    ]
     if missing:
         raise InputError(
             f"{folder} lacks walks of {', '.join(missing)}; give all processes this same folder and the same options."
@@ -164,9 +175,9 @@ def run_study(
     study.groups = grouped(settings, walks, known)
     with study.timed("figures, tables and sheets"):
         navigation_table(study.groups).save(folder, "navigation")
-        study.sheets = draw_sheets(settings, walks, folder)
+        study.sheets = draw_sheets(settings, batches, folder)
     if film is not None:
-        study.films = make_films(settings, walks, make_program, folder, film, study, say)
+        study.films = make_films(settings, batches, make_program, folder, film, study, say)
     return study
 
 
@@ -183,36 +194,42 @@ def grouped(settings: StudySettings, walks: Sequence[Walk], known: Mapping[Episo
 
 
 def _finished(
-    settings: StudySettings, policy: str, batch: Sequence[Walk], known: Mapping[EpisodeKey, EpisodeMetrics]
+    settings: StudySettings, policy: str, batch: Batch, known: Mapping[EpisodeKey, EpisodeMetrics], folder: Path
 ) -> bool:
-    return all(key_of(settings, policy, walk) in known for walk in batch)
+    """Whether the folder holds figures and traces of a policy's whole batch."""
+    logged = all(key_of(settings, policy, walk) in known for walk in batch.members)
+    return logged and has_traces(traces_file(folder, settings, policy, batch), len(batch.members))
 
 
 def make_films(
     settings: StudySettings,
-    walks: Sequence[Walk],
+    batches: Sequence[Batch],
     make_program: MakeProgram,
     folder: Path,
     film: FilmSettings,
     study: Study,
     say: Callable[[str], None],
 ) -> list[tuple[str, Path]]:
-    """Films of the first policy on the first task of every set; those there already are kept."""
+    """Films of the first policy's first episode of every set; those there already are kept.
+
+    Each is walked by itself in the conditions of its batch: it is the tables' episode, whatever else is filmed.
+    """
     policy = settings.policies[0]
-    starring = [walk for walk in walks if walk.number == 0]
-    files = [folder / "films" / f"{settings.stem(policy, walk.walks)}.webm" for walk in starring]
-    if not all(file.exists() for file in files):
-        say(f"Walking {len(starring)} episodes again, with images, for the films.")
+    starring = [batch for batch in batches if batch.first == 0]
+    files = [folder / "films" / f"{settings.stem(policy, batch.walks)}.webm" for batch in starring]
+    missing = [(file, batch) for file, batch in zip(files, starring) if not file.exists()]
+    if missing:
+        say(f"Walking {len(missing)} episodes again, with images, for the films.")
         with study.timed("building policies"):
-            program = make_program(policy, len(starring), True)
-        tasks = [walk.task for walk in starring]
+            program = make_program(policy, 1, True)
+    for file, batch in missing:
+        task = batch.members[0].task
         with study.walking(program):
-            record = program.run(tasks, settings.seed * SEEDS_APART, on_progress=lambda seconds, running: None)
+            record = program.run([task], batch.seed, on_progress=lambda seconds, running: None)
         with study.timed("drawing films"):
-            for i, file in enumerate(files):
-                try:
-                    write_film(file, tasks[i], row_of(record, i), film)
-                except InputError as error:
-                    say(f"No film: {error}")
-    titles = [f"{policy}, {walk.walks}" for walk in starring]
+            try:
+                write_film(file, task, row_of(record, 0), film)
+            except InputError as error:
+                say(f"No film: {error}")
+    titles = [f"{policy}, {batch.walks}" for batch in starring]
     return [(title, file) for title, file in zip(titles, files) if file.exists()]

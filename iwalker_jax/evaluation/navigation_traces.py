@@ -1,22 +1,24 @@
 """What is kept of a study's episodes to look at: traces on disk, and the sheets from above drawn from them."""
 
+import os
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.navigation_metrics import row_of
+from iwalker_jax.evaluation.navigation_metrics import reached_all, row_of
 from iwalker_jax.evaluation.navigation_pictures import save_episode_grid
-from iwalker_jax.evaluation.navigation_walks import StudySettings, Walk
-from iwalker_jax.navigation.task import EpisodeRecord, Outcome, Task
+from iwalker_jax.evaluation.navigation_walks import Batch, StudySettings
+from iwalker_jax.navigation.task import EpisodeRecord, Task
 
 _PANELS = 16  # episodes on a sheet
 
 
-def traces_file(folder: Path, settings: StudySettings, policy: str, first: int) -> Path:
-    """Where the traces of the batch that begins with a walk are kept."""
-    return folder / "traces" / f"{settings.stem(policy, first)}.npz"
+def traces_file(folder: Path, settings: StudySettings, policy: str, batch: Batch) -> Path:
+    """Where the traces of a policy's batch are kept."""
+    return folder / "traces" / f"{settings.stem(policy, f'{batch.walks}-{batch.first}')}.npz"
 
 
 def save_traces(file: Path, record: EpisodeRecord) -> None:
@@ -26,7 +28,18 @@ def save_traces(file: Path, record: EpisodeRecord) -> None:
         **{name: getattr(record, name)[:, :0] for name in ("depth", "occupied")},
     )
     file.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(file, allow_pickle=False, **{k: np.asarray(v) for k, v in small._asdict().items()})
+    part = file.with_name(f"{file.stem}.part.npz")  # a crash must not leave half a file under the name
+    np.savez_compressed(part, allow_pickle=False, **{k: np.asarray(v) for k, v in small._asdict().items()})
+    os.replace(part, file)
+
+
+def has_traces(file: Path, episodes: int) -> bool:
+    """Whether a file can be read and holds the traces of so many episodes, or of more."""
+    try:
+        with np.load(file) as stored:
+            return set(EpisodeRecord._fields) <= set(stored.files) and len(stored["outcome"]) >= episodes
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile):
+        return False
 
 
 def load_traces(file: Path) -> EpisodeRecord:
@@ -38,21 +51,18 @@ def load_traces(file: Path) -> EpisodeRecord:
         return EpisodeRecord(**{name: stored[name] for name in EpisodeRecord._fields})
 
 
-def draw_sheets(settings: StudySettings, walks: Sequence[Walk], folder: Path) -> list[tuple[str, Path]]:
-    """One sheet of traces a policy and set of walks, failures first, from the folder's traces."""
+def draw_sheets(settings: StudySettings, batches: Sequence[Batch], folder: Path) -> list[tuple[str, Path]]:
+    """One sheet of traces a policy and set of walks, failures first, from the folder's traces of all batches."""
     sheets = []
     for policy in settings.policies:
         found: dict[str, list[tuple[Task, EpisodeRecord]]] = {}
-        for first in range(0, len(walks), settings.width):
-            file = traces_file(folder, settings, policy, first)
-            if not file.exists():
-                continue
-            record = load_traces(file)
-            for i, walk in enumerate(walks[first : first + settings.width]):
-                found.setdefault(walk.walks, []).append((walk.task, row_of(record, i)))
+        for batch in batches:
+            record = load_traces(traces_file(folder, settings, policy, batch))
+            for i, walk in enumerate(batch.members):
+                found.setdefault(batch.walks, []).append((walk.task, row_of(record, i)))
         for name, episodes in found.items():
             # A stable sort: within failures and successes the order of the tasks stays.
-            chosen = sorted(episodes, key=lambda pair: int(pair[1].outcome[-1]) == Outcome.REACHED)[:_PANELS]
+            chosen = sorted(episodes, key=lambda pair: reached_all(pair[1], pair[0]))[:_PANELS]
             rest = f", {len(chosen)} of {len(episodes)} episodes, failures first" if len(chosen) < len(episodes) else ""
             title = f"{policy}, {name}{rest}"
             file = folder / "sheets" / f"{settings.stem(policy, name)}.png"
