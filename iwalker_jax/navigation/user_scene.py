@@ -1,4 +1,13 @@
-"""A user's own scene, an MJCF model or a mesh, as boxes and cylinders that the whole loop can walk among."""
+"""A user's own scene, an MJCF model or a mesh, as boxes and cylinders that the whole loop can walk among.
+
+The camera's depth and the body's collisions are both computed on the converted scene, because rays and distances
+compile and batch with the rest of the loop there; while the robot walks, nobody casts rays at the original or measures
+distances to it. Upright boxes and cylinders are taken over as they are, round solids as stacks of discs 5 cm high, and
+everything else as boxes merged from voxels of 5 cm, or up to 15 cm where finer ones do not fit. Those boxes stand out
+of the original surface by a voxel's diagonal at most and leave it outside by `UserScene.error` at most; gaps narrower
+than a voxel may close. What ends below 4 cm is left out, and above 2 m whatever is merged. How near the body came to
+the original itself can be measured afterwards: `surface_distance`.
+"""
 
 import math
 from dataclasses import dataclass
@@ -21,7 +30,7 @@ VOXELS = (0.05, 0.075, 0.10, 0.15)
 BAND = (0.04, 2.0)
 """[m] heights between which surfaces are kept: above the floor's unevenness, up to what the camera sees of walls."""
 
-_MJCF_SUFFIXES = (".xml", ".mjcf")
+MJCF_SUFFIXES = (".xml", ".mjcf")
 _MARGIN = 2.0
 _SMALLEST, _LARGEST = 0.3, 100.0
 _FLOOR_TOLERANCE = 0.05
@@ -85,7 +94,7 @@ def convert_user_scene(path: str | PathLike, bounds: Bounds | None = None) -> Us
     file = Path(path)
     suffix = file.suffix.lower()
     ceiling, margin = None, 0.0
-    if suffix in _MJCF_SUFFIXES:
+    if suffix in MJCF_SUFFIXES:
         shapes = shapes_of(*load_mjcf(file), reach=MAX_EXTENT)
         ceiling, margin = shapes.ceiling, _MARGIN
         parts = [split_shapes(mesh) for mesh in shapes.meshes]
@@ -95,7 +104,7 @@ def convert_user_scene(path: str | PathLike, bounds: Bounds | None = None) -> Us
         _check_mesh(file, mesh, bounds)
         parts = [split_shapes(mesh)]
     else:
-        raise InputError(f"{file} has an unknown ending; give one of {', '.join((*_MJCF_SUFFIXES, *MESH_SUFFIXES))}.")
+        raise InputError(f"{file} has an unknown ending; give one of {', '.join((*MJCF_SUFFIXES, *MESH_SUFFIXES))}.")
     boxes = np.reshape([row for part in parts for row in part.boxes], (-1, 7))
     cylinders = np.reshape([row for part in parts for row in part.cylinders], (-1, 5))
     discs = np.reshape([row for part in parts for row in part.discs], (-1, 5))
