@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 import tyro
 
-from experiments.console import console, exit_with, progress_bar, say
+from experiments.console import console, exit_with, progress_bar, say, stopped
 from experiments.walk_output import film, print_figures, push_forces, save_figures, save_pictures
 from experiments.walk_scene import PRETRAINED, SceneWalk, walk_in_scene
 from iwalker_jax.control.parameters import GaitParameters
@@ -40,15 +40,23 @@ _GRID = 16  # robots shown in the grid of traces
 class Command:
     """Let BRUCE walk in simulation and measure how well it keeps to the plan.
 
-    With --scene it finds its own way: depth camera, iPath, iStepper and walking in one loop.
+    With --scene it finds its own way: depth camera, iPath, iStepper and walking in one loop. Options of the other kind
+    of walk are refused.
 
     Attributes:
         scene: a demonstration (factory, corridor, office), a test sequence (test_stair, test_office, test_corridor,
-            test_corner), or an MJCF or mesh file of your own, to walk in by sight.
+            test_corner), or an MJCF or mesh file of your own, to walk in by sight. Depth and collisions of a file are
+            those of boxes and cylinders that it is converted to: upright boxes and cylinders as they are, round solids
+            as discs 5 cm high, all else merged from voxels of 5 to 15 cm; the least distance to the file's own
+            surfaces is measured after the walk.
         policy: whose networks: `pretrained`, or the folder of a training run.
-        navigation: default, networks (as published) or classical (no iPath).
-        start: x, y [m] and heading [deg] in a scene of your own.
+        navigation: default (iPath leads to the next way point of the remembered route), networks (iPath and iStepper
+            alone choose the way; the step MPC still corrects footsteps while walking), published (networks without
+            that correction) or classical (the route instead of iPath's path).
+        start: x, y [m] and heading [deg] in a scene; its own, or 0 0 0 in a file, if left out.
         goals: x, y [m] of each goal, one after the other, in a scene.
+        bounds: x_min, y_min, x_max, y_max [m] of a scene file in which to walk, with sides of at most 16 m; all of the
+            file if left out.
         motion: what to do without a scene; --footsteps and --path choose their own.
         speed: [m/s] forward, of sideways to the left.
         turn: [deg/s] of the motion turn.
@@ -58,7 +66,8 @@ class Command:
         width: [m] between the tracks of the feet.
         footsteps: CSV file of footsteps to walk, `side, x, y, yaw_degrees` a line.
         path: CSV file of a path to follow, `x, y` a line.
-        robots: number of robots, each with friction, mass and start of its own.
+        robots: number of robots, each with friction, mass and start of its own; in scenes many walk with
+            experiments.evaluate.
         engine: of the physics: MJX for batches, or C MuJoCo.
         seed: of the conditions and the sensors' noise.
         sensors: `none` feeds the true state back, the others walk on the estimate from simulated sensors; left out,
@@ -66,8 +75,9 @@ class Command:
         friction: least and largest coefficient of the floor.
         mass: largest relative change of all masses.
         delay: least and largest delay of the torques, in ticks of 2 ms.
-        push_impulse: [N s] of a push of 0.1 s and random sign, halfway.
-        push_axis: its axis.
+        push_impulse: [N s] of a push of 0.1 s and random sign, halfway; in a scene when half of the way would be walked
+            at 0.25 m/s.
+        push_axis: its axis, of the world.
         out: folder for pictures, video and figures.
         video: film the first robot.
         view: play the first robot's walk in MuJoCo's viewer.
@@ -77,8 +87,9 @@ class Command:
     scene: str | None = None
     policy: str = PRETRAINED
     navigation: str = "default"
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start: tuple[float, float, float] | None = None
     goals: tuple[tuple[float, float], ...] = ()
+    bounds: tuple[float, float, float, float] | None = None
     motion: MotionKind = "s_curve"
     speed: float = 0.15
     turn: float = 15.0
@@ -103,6 +114,29 @@ class Command:
     devices: int | None = None
 
 
+_OF_SCENES = ("policy", "navigation", "start", "goals", "bounds")
+_OF_MOTIONS = ("motion", "speed", "turn", "step_length", "distance", "seconds", "width", "footsteps", "path", "robots",
+               "engine", "view", "devices")  # fmt: skip
+
+
+def refuse_others(command: Command) -> None:
+    """Refuse options that the kind of walk would not heed.
+
+    Raises:
+        InputError: which names all of them.
+    """
+    kind, names = ("without --scene", _OF_SCENES) if command.scene is None else ("with --scene", _OF_MOTIONS)
+    given = [
+        "--" + field.name.replace("_", "-")
+        for field in dataclasses.fields(command)
+        if field.name in names and getattr(command, field.name) != field.default
+    ]
+    if given:
+        raise InputError(
+            f"A walk {kind} takes no {', '.join(given)}; leave out what belongs to the other kind of walk."
+        )
+
+
 def motion_of(command: Command) -> Motion:
     """The motion that the options ask for."""
     if command.footsteps is not None and command.path is not None:
@@ -118,19 +152,29 @@ def motion_of(command: Command) -> Motion:
 
 def scene_walk(command: Command) -> SceneWalk:
     """The walk through a scene that the options ask for."""
-    if command.robots != 1 or command.engine != "mjx":
-        raise InputError("A scene is walked by one robot on MJX; for many robots use experiments.evaluate --walks.")
     return SceneWalk(
         scene=command.scene or "",
         policy=command.policy,
         navigation=command.navigation,
         start=command.start,
         goals=command.goals,
+        bounds=command.bounds,
         sensors=command.sensors or "nominal",
-        disturbances=Disturbances(friction=command.friction, mass=command.mass, delay=command.delay),
+        disturbances=disturbances(command),
         seed=command.seed,
         video=command.video,
         out=command.out,
+    )
+
+
+def disturbances(command: Command) -> Disturbances:
+    """What the options put in the robots' way; the time of the push depends on the walk."""
+    return Disturbances(
+        friction=command.friction,
+        mass=command.mass,
+        push_impulse=command.push_impulse,
+        push_axis=command.push_axis,
+        delay=command.delay,
     )
 
 
@@ -164,6 +208,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     command = tyro.cli(Command, args=given)
     try:
+        refuse_others(command)
         if command.view and not has_screen():
             raise InputError("There is no screen for MuJoCo's viewer (DISPLAY is not set); leave --view out.")
         if command.scene is not None:
@@ -173,19 +218,14 @@ def main(arguments: list[str] | None = None) -> int:
         gait = walker.controller.gait
         step_time = float(gait.hlip.step_time)
         walk = make_walk(motion_of(command), model, gait)
-        disturbances = Disturbances(
-            friction=command.friction,
-            mass=command.mass,
-            push_impulse=command.push_impulse,
-            push_axis=command.push_axis,
-            push_after=halfway(walk, gait),
-            delay=command.delay,
-        )
-        conditions = sample_conditions(walker.robot, disturbances, command.robots, command.seed, step_time)
+        met = dataclasses.replace(disturbances(command), push_after=halfway(walk, gait))
+        conditions = sample_conditions(walker.robot, met, command.robots, command.seed, step_time)
         result = simulate(command, walker, model, walk, conditions)
         finish(command, walker, model, walk, conditions, result)
     except (InputError, CheckpointError, OSError) as error:
         exit_with(error)
+    except KeyboardInterrupt:
+        return stopped("the walk was not finished, so nothing is saved")
     return 0
 
 

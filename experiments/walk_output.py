@@ -68,14 +68,14 @@ def save_figures(
             "seconds": m.seconds,
             "steps": m.steps,
             "planned": m.planned,
-            "speed error %": _plain(speed_error(m)),
+            "speed error %": finite_or_none(speed_error(m)),
         }
         for m in metrics
     ]
     summary = {
         "options": {k: str(v) if isinstance(v, Path) else v for k, v in options.items()},
         "commanded speed m/s": walk.speed,
-        "figures": {name: _plain(value) for name, value in row.items()},
+        "figures": {name: finite_or_none(value) for name, value in row.items()},
         "robots": robots,
         "compile seconds": result.compile_seconds,
         "run seconds": result.seconds,
@@ -88,7 +88,8 @@ def save_figures(
     np.savez_compressed(folder / "samples.npz", allow_pickle=False, **arrays)
 
 
-def _plain(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
+    """A number as JSON can hold it."""
     return value if np.isfinite(value) else None
 
 
