@@ -15,7 +15,7 @@ from experiments.planner import planner_of
 from experiments.walk_output import finite_or_none
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.navigation_film import write_film
-from iwalker_jax.evaluation.navigation_metrics import episode_metrics, row_of
+from iwalker_jax.evaluation.navigation_metrics import episode_metrics, judged, row_of
 from iwalker_jax.evaluation.navigation_pictures import save_episode
 from iwalker_jax.navigation.demonstrations import TASK_NAMES, named_task
 from iwalker_jax.navigation.episodes import EpisodeProgram
@@ -135,7 +135,7 @@ def walk_in_scene(walk: SceneWalk) -> None:
     with progress_bar("simulated seconds", round(task.time_limit)) as advance:
         advance(0, "compiling, a minute or two the first time")
         record = program.run([task], walk.seed, on_progress=lambda done, up: advance(round(done), task.name))
-    episode = row_of(record, 0)
+    episode = judged(row_of(record, 0), task)
     metrics = episode_metrics(episode, task)
     outcome = Outcome(int(episode.outcome[-1]))
     simulated = float(episode.time[-1])

@@ -3,7 +3,7 @@
 import functools
 import itertools
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +40,7 @@ class EpisodeMetrics(NamedTuple):
     """Figures of one episode; NaN where one does not apply.
 
     Attributes:
-        outcome: how it ended, as the robot took it: REACHED where it believed to stand at its last goal.
+        outcome: how it ended, judged by the true state.
         seconds: [s] until then.
         walked: [m] length of the base's track without the sway of single steps.
         shortest: [m] of `shortest_route`; NaN where there is none.
@@ -69,13 +69,8 @@ class EpisodeMetrics(NamedTuple):
 
     @property
     def success(self) -> bool:
-        """Whether the robot stood at its last goal after all others, and truly so."""
-        return self.outcome is Outcome.REACHED and self.goals == 1.0
-
-    @property
-    def mistaken(self) -> bool:
-        """Whether it stopped where it believed its last goal to be without having truly been at all goals."""
-        return self.outcome is Outcome.REACHED and not self.success
+        """Whether the robot truly stood at its last goal after all others."""
+        return self.outcome is Outcome.REACHED
 
     @property
     def speed(self) -> float:
@@ -96,20 +91,30 @@ def row_of(record: EpisodeRecord, episode: int) -> EpisodeRecord:
     return EpisodeRecord(*(np.asarray(part)[episode][:frames] for part in record))
 
 
+def judged(episode: EpisodeRecord, task: Task) -> EpisodeRecord:
+    """An episode, as from `row_of`, whose end is MISTAKEN if the robot believed to have reached what it had not."""
+    believed = episode.outcome[-1] == Outcome.REACHED
+    if not believed or goals_reached(episode, task).all():
+        return episode
+    outcome: Any = np.where(episode.outcome == Outcome.REACHED, int(Outcome.MISTAKEN), episode.outcome)
+    return episode._replace(outcome=outcome)
+
+
 def episode_metrics(
     episode: EpisodeRecord, task: Task, shortest: float | None = None, time_step: float = 0.002
 ) -> EpisodeMetrics:
     """Figures of one episode.
 
     Args:
-        episode: as from `row_of`.
+        episode: as from `row_of`, judged or not.
         task: that was given.
         shortest: [m] of `shortest_route`; worked out here if left out.
         time_step: [s] of a tick of the whole-body QP.
     """
     shortest = shortest_route(task) if shortest is None else shortest
+    episode = judged(episode, task)
     outcome = Outcome(int(episode.outcome[-1]))
-    success = reached_all(episode, task)
+    success = outcome is Outcome.REACHED
     seconds = float(episode.time[-1])
     walked = walked_distance(np.asarray(episode.base)[:, :2], np.asarray(episode.time))
     return EpisodeMetrics(
@@ -140,7 +145,8 @@ def goals_reached(episode: EpisodeRecord, task: Task) -> Bool[np.ndarray, " goal
     places, aims = np.asarray(episode.base)[:, :2], np.asarray(episode.goal)
     gaps = np.linalg.norm(places[:, None] - task.goals, axis=2)
     reached = np.zeros(len(task.goals), bool)
-    reached[-1] = episode.outcome[-1] == Outcome.REACHED and gaps[-1, -1] <= ARRIVAL + SLACK
+    stood = episode.outcome[-1] in (Outcome.REACHED, Outcome.MISTAKEN)
+    reached[-1] = stood and gaps[-1, -1] <= ARRIVAL + SLACK
     for number in range(len(task.goals) - 1):
         after = np.flatnonzero(aims > number)
         if len(after):
@@ -148,11 +154,6 @@ def goals_reached(episode: EpisodeRecord, task: Task) -> Bool[np.ndarray, " goal
             meant = np.append(np.flatnonzero(aims == number), after[0])
             reached[number] = bool((gaps[meant, number] <= ARRIVAL + SLACK).any())
     return reached
-
-
-def reached_all(episode: EpisodeRecord, task: Task) -> bool:
-    """Whether an episode, as from `row_of`, is a success: every goal truly reached, and standing at the last one."""
-    return bool(goals_reached(episode, task).all())
 
 
 def batch_metrics(record: EpisodeRecord, tasks: Sequence[Task], time_step: float = 0.002) -> list[EpisodeMetrics]:

@@ -20,6 +20,7 @@ OUTCOME_COLOURS = {
     Outcome.FELL: "tab:purple",
     Outcome.GAVE_UP: "tab:orange",
     Outcome.TIMED_OUT: "tab:brown",
+    Outcome.MISTAKEN: "tab:olive",
 }
 OUTCOME_WORDS = {
     Outcome.RUNNING: "under way",
@@ -28,6 +29,7 @@ OUTCOME_WORDS = {
     Outcome.FELL: "fell",
     Outcome.GAVE_UP: "gave up",
     Outcome.TIMED_OUT: "timed out",
+    Outcome.MISTAKEN: "mistaken",
 }
 
 _BAND = (0.05, 0.75)

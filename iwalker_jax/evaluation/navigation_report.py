@@ -18,6 +18,7 @@ _COLOURS = {
     Outcome.FELL: "#8a63b8",
     Outcome.GAVE_UP: "#e3913a",
     Outcome.TIMED_OUT: "#93705a",
+    Outcome.MISTAKEN: "#a3a13a",
     Outcome.RUNNING: "#9a9a9a",
 }
 _STYLE = """

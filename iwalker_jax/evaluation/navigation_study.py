@@ -12,7 +12,7 @@ import jax
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episode_log import EpisodeKey, append_episodes, load_logs, log_file
 from iwalker_jax.evaluation.navigation_film import FilmSettings, write_film
-from iwalker_jax.evaluation.navigation_metrics import EpisodeMetrics, episode_metrics, row_of, shortest_route
+from iwalker_jax.evaluation.navigation_metrics import EpisodeMetrics, episode_metrics, judged, row_of, shortest_route
 from iwalker_jax.evaluation.navigation_tables import navigation_table
 from iwalker_jax.evaluation.navigation_traces import draw_sheets, has_traces, save_traces, traces_file
 from iwalker_jax.evaluation.navigation_walks import (
@@ -228,7 +228,7 @@ def make_films(
             record = program.run([task], batch.seed, on_progress=lambda seconds, running: None)
         with study.timed("drawing films"):
             try:
-                write_film(file, task, row_of(record, 0), film)
+                write_film(file, task, judged(row_of(record, 0), task), film)
             except InputError as error:
                 say(f"No film: {error}")
     titles = [f"{policy}, {batch.walks}" for batch in starring]

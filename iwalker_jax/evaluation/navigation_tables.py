@@ -37,11 +37,13 @@ COLUMNS = (
     Column("shaking cm", "from each new path, 0.5 m ahead, to the one before", 1),
 )
 _RATES = (
+    ("mistaken %", (Outcome.MISTAKEN,)),
     ("collided %", (Outcome.COLLIDED,)),
     ("fell %", (Outcome.FELL,)),
     ("gave up %", (Outcome.GAVE_UP,)),
     ("timed out %", (Outcome.TIMED_OUT, Outcome.RUNNING)),
 )
+_STOOD = (Outcome.REACHED, Outcome.MISTAKEN)
 
 
 def episode_values(metrics: EpisodeMetrics) -> dict[str, float]:
@@ -49,10 +51,9 @@ def episode_values(metrics: EpisodeMetrics) -> dict[str, float]:
     rates = {title: 100.0 * (metrics.outcome in outcomes) for title, outcomes in _RATES}
     return {
         "success %": 100.0 * metrics.success,
-        "mistaken %": 100.0 * metrics.mistaken,
         **rates,
         "goals %": 100.0 * metrics.goals,
-        "end cm": 100.0 * metrics.end if metrics.outcome is Outcome.REACHED else float("nan"),
+        "end cm": 100.0 * metrics.end if metrics.outcome in _STOOD else float("nan"),
         "SPL": metrics.spl,
         "time s": metrics.seconds if metrics.success else float("nan"),
         "walked m": metrics.walked,
@@ -78,9 +79,6 @@ def navigation_table(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]])
 
 
 def failures(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]]) -> dict[tuple[str, str], dict[Outcome, int]]:
-    """How often each kind of end occurred, by group and as the robots took it: REACHED counts mistaken ones as well.
-
-    Kinds that occurred nowhere are left out.
-    """
+    """How often each kind of end occurred, by group; kinds that occurred nowhere are left out."""
     kinds = [kind for kind in Outcome if any(m.outcome is kind for episodes in groups.values() for m in episodes)]
     return {key: {kind: sum(m.outcome is kind for m in ms) for kind in kinds} for key, ms in groups.items()}

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.navigation_metrics import reached_all, row_of
+from iwalker_jax.evaluation.navigation_metrics import judged, row_of
 from iwalker_jax.evaluation.navigation_pictures import save_episode_grid
 from iwalker_jax.evaluation.navigation_walks import Batch, StudySettings
-from iwalker_jax.navigation.task import EpisodeRecord, Task
+from iwalker_jax.navigation.task import EpisodeRecord, Outcome, Task
 
 _PANELS = 16  # episodes on a sheet
 
@@ -59,10 +59,10 @@ def draw_sheets(settings: StudySettings, batches: Sequence[Batch], folder: Path)
         for batch in batches:
             record = load_traces(traces_file(folder, settings, policy, batch))
             for i, walk in enumerate(batch.members):
-                found.setdefault(batch.walks, []).append((walk.task, row_of(record, i)))
+                found.setdefault(batch.walks, []).append((walk.task, judged(row_of(record, i), walk.task)))
         for name, episodes in found.items():
             # A stable sort: within failures and successes the order of the tasks stays.
-            chosen = sorted(episodes, key=lambda pair: reached_all(pair[1], pair[0]))[:_PANELS]
+            chosen = sorted(episodes, key=lambda pair: pair[1].outcome[-1] == Outcome.REACHED)[:_PANELS]
             rest = f", {len(chosen)} of {len(episodes)} episodes, failures first" if len(chosen) < len(episodes) else ""
             title = f"{policy}, {name}{rest}"
             file = folder / "sheets" / f"{settings.stem(policy, name)}.png"

@@ -16,7 +16,7 @@ GOAL_CAPACITY = 6
 
 
 class Outcome(IntEnum):
-    """How an episode ended."""
+    """How an episode ended; the robot cannot know that it is MISTAKEN, only the true state tells."""
 
     RUNNING = 0
     REACHED = 1
@@ -24,6 +24,7 @@ class Outcome(IntEnum):
     FELL = 3
     GAVE_UP = 4
     TIMED_OUT = 5
+    MISTAKEN = 6
 
 
 SENTENCES = {
@@ -33,6 +34,7 @@ SENTENCES = {
     Outcome.FELL: "fell",
     Outcome.GAVE_UP: "stopped, because it found no way to its goal or saw nothing",
     Outcome.TIMED_OUT: "ran out of time",
+    Outcome.MISTAKEN: "stood where it believed its last goal to be, but had not been at all goals",
 }
 
 

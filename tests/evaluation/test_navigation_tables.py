@@ -26,7 +26,7 @@ def test_an_episodes_values_by_hand():
 
 
 def test_a_robot_that_only_believes_is_no_success():
-    values = episode_values(GOOD._replace(goals=2 / 3, end=0.55))
+    values = episode_values(GOOD._replace(outcome=Outcome.MISTAKEN, goals=2 / 3, end=0.55))
     assert values["success %"] == 0 and values["mistaken %"] == 100 and np.isnan(values["time s"])
     assert values["end cm"] == pytest.approx(55.0)
     rates = [column.title for column in COLUMNS if column.rate]
