@@ -26,6 +26,7 @@ from experiments.planner import planner_of  # noqa: E402
 from iwalker_jax.control.controller import control_step  # noqa: E402
 from iwalker_jax.navigation.camera import camera_in_world  # noqa: E402
 from iwalker_jax.navigation.closed_loop import LoopState, Navigator, run_episode, start_episode  # noqa: E402
+from iwalker_jax.navigation.depth_camera import take_depth  # noqa: E402
 from iwalker_jax.navigation.episodes import EpisodeProgram, place_at  # noqa: E402
 from iwalker_jax.navigation.faults import make_faults  # noqa: E402
 from iwalker_jax.navigation.generated_tasks import generated_tasks  # noqa: E402
@@ -46,7 +47,7 @@ from iwalker_jax.planning.ipath import IPathConfig  # noqa: E402
 from iwalker_jax.planning.planner import Planner, PlannerConfig  # noqa: E402
 from iwalker_jax.robot.rigid_body import rigid_body_terms  # noqa: E402
 from iwalker_jax.simulation.body_volume import body_clearance_at  # noqa: E402
-from iwalker_jax.simulation.depth_noise import DepthNoise, add_depth_noise  # noqa: E402
+from iwalker_jax.simulation.depth_noise import DepthNoise  # noqa: E402
 from iwalker_jax.simulation.ray_casting import render_depth  # noqa: E402
 from iwalker_jax.simulation.walk_setup import Disturbances, sample_conditions  # noqa: E402
 from iwalker_jax.simulation.walking import Conditions, decide, walk_tick  # noqa: E402
@@ -86,7 +87,8 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
         return render_depth(task.scene, nav.intrinsics, *camera_in_world(nav.camera, s.walk.physics.qpos))
 
     def see(task: TaskArrays, s: LoopState) -> jax.Array:
-        return add_depth_noise(s.key, render(task, s), nav.noise or DepthNoise(), nav.intrinsics)
+        noise = nav.noise or DepthNoise()
+        return take_depth(nav.camera, nav.intrinsics, noise, task.scene, s.walk.physics.qpos, s.eyes)[1]
 
     depth = jax.jit(jax.vmap(see))(tasks, state)
     mount = jnp.tile(nnx.merge(nav.graph, nav.planner).config.ipath.mount.as_array(), (setting.count, 1))

@@ -6,7 +6,6 @@ frame it is seen whether a step has begun, and then the footsteps are planned an
 to be.
 """
 
-import math
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -23,6 +22,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import estimated_qpos_qvel
 from iwalker_jax.navigation.camera import RobotCamera, base_pose, camera_in_world, measured_mount
 from iwalker_jax.navigation.camera_health import CameraHealth, HealthRules, check_camera, healthy_camera
+from iwalker_jax.navigation.depth_camera import DepthCameraState, start_depth_camera, take_depth
 from iwalker_jax.navigation.faults import Faults, obstacles_at, within
 from iwalker_jax.navigation.guide import Guidance, GuideRules, Sight, guide
 from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, remembered
@@ -32,8 +32,7 @@ from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.robot.rigid_body import rigid_body_terms
 from iwalker_jax.simulation.body_volume import BodyVolume, body_clearance_at
-from iwalker_jax.simulation.depth_noise import DepthNoise, add_depth_noise
-from iwalker_jax.simulation.ray_casting import render_depth
+from iwalker_jax.simulation.depth_noise import DepthNoise
 from iwalker_jax.simulation.walking import Conditions, Sample, Walker, WalkState, start_walk, walk_tick
 
 
@@ -104,8 +103,7 @@ class LoopState(NamedTuple):
         goal: index of the present goal.
         outcome: `Outcome` so far.
         anchor: (3,) x, y [m] and time [s] of the last progress; last_way: () [s] when the map last had a way.
-        key: of the depth noise that changes with each frame; surfaces: of what lasts, drawn at the `view` (3,) x, y
-            [m] and bearing [rad] of the camera.
+        eyes: of the depth camera.
     """
 
     walk: WalkState
@@ -117,9 +115,7 @@ class LoopState(NamedTuple):
     outcome: Int[Array, ""]
     anchor: Float[Array, "3"]
     last_way: Float[Array, ""]
-    key: Array
-    surfaces: Array
-    view: Float[Array, "3"]
+    eyes: DepthCameraState
 
 
 class Wish(NamedTuple):
@@ -157,9 +153,7 @@ def start_episode(navigator: Navigator, task: TaskArrays, conditions: Conditions
         outcome=none + int(Outcome.RUNNING),
         anchor=jnp.append(base[:2], 0.0),
         last_way=jnp.zeros((), dtype),
-        key=jax.random.fold_in(conditions.key, 1),
-        surfaces=jax.random.fold_in(conditions.key, 2),
-        view=_view(*camera_in_world(navigator.camera, conditions.qpos)),
+        eyes=start_depth_camera(navigator.camera, conditions.qpos, jax.random.fold_in(conditions.key, 1)),
     )
 
 
@@ -179,8 +173,11 @@ def camera_frame(
     unseen = within(faults.odometry, time) | within(faults.blind, time) | within(faults.frozen, time)
     conditions = conditions._replace(images_lost=unseen)
     believed, mount, speed = _believed_base(navigator, state.walk)
-    state, depth = _see(navigator, scene, faults, state)
-    state = state._replace(health=check_camera(navigator.health, state.health, depth, speed))
+    qpos = state.walk.physics.qpos
+    eyes, depth = take_depth(navigator.camera, navigator.intrinsics, navigator.noise, scene, qpos, state.eyes)
+    depth = jnp.where(within(faults.blind, time), 0.0, depth)
+    depth = jnp.where(within(faults.frozen, time), state.health.last, depth)
+    state = state._replace(eyes=eyes, health=check_camera(navigator.health, state.health, depth, speed))
 
     goal, arrived = _next_goal(navigator, task, state.goal, believed)
     seeing = Sight(depth, mount, believed, task.goals[goal])
@@ -249,30 +246,6 @@ def _believed_base(navigator: Navigator, walk: WalkState) -> tuple[Array, Array,
     base = base_pose(rotation, terms.com)
     speed = jnp.sqrt(jnp.sum(terms.com_velocity[:2] ** 2) + 1e-12)
     return base, measured_mount(rotation, position, base), speed
-
-
-def _view(rotation: Float[Array, "3 3"], position: Float[Array, "3"]) -> Float[Array, "3"]:
-    """x, y [m] and bearing [rad] of a camera in the world; it looks along its z axis."""
-    return jnp.append(position[:2], jnp.arctan2(rotation[1, 2], rotation[0, 2]))
-
-
-def _see(navigator: Navigator, scene: Any, faults: Faults, state: LoopState) -> tuple[LoopState, Array]:
-    """The state with the keys of the next frame's noise, and depth [m] as the camera delivers it."""
-    rotation, position = camera_in_world(navigator.camera, state.walk.physics.qpos)
-    depth = render_depth(scene, navigator.intrinsics, rotation, position)
-    noise = navigator.noise
-    if noise is not None:
-        key, own, drawn = jax.random.split(state.key, 3)
-        view = _view(rotation, position)
-        apart = view - state.view
-        moved = jnp.sum(apart[:2] ** 2) > noise.view_distance**2
-        moved |= jnp.cos(apart[2]) < math.cos(min(noise.view_turn, math.pi))
-        surfaces = jnp.where(moved, drawn, state.surfaces)
-        state = state._replace(key=key, surfaces=surfaces, view=jnp.where(moved, view, state.view))
-        depth = add_depth_noise(own, depth, noise, navigator.intrinsics, surfaces)
-    time = state.walk.physics.time
-    depth = jnp.where(within(faults.blind, time), 0.0, depth)
-    return state, jnp.where(within(faults.frozen, time), state.health.last, depth)
 
 
 def _next_goal(navigator: Navigator, task: TaskArrays, goal: Array, believed: Array) -> tuple[Array, Array]:
