@@ -80,7 +80,7 @@ def _sweep(tableau: Array, column: Array, pivot: Array, here: Array, swap: Array
         rows = rows * (kept[:, None] * keep[None]) - share[:, None] * edge[None]
         return jax.lax.dynamic_update_slice_in_dim(tableau, rows, first, 0)
 
-    if tableau.ndim == 2:
+    if tableau.ndim == 2 or m == 1:
         return change(tableau, 0, m)
     tableau = jax.lax.fori_loop(0, m // 2, lambda k, t: change(t, 2 * k, 2), tableau)
     return change(tableau, m - 1, 1) if m % 2 else tableau

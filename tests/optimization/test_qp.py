@@ -147,6 +147,22 @@ def test_batch_equals_loop_and_rows_are_independent(walk):
     np.testing.assert_array_equal(nested.value.x.reshape(16, -1), together.value.x)
 
 
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (5, 9), (6, 7)])
+def test_batches_of_any_size_and_shape(x64, n, m):
+    """Oracle: Clarabel; odd and even sizes, which are worked off in pairs, and a last chunk that is not full."""
+    rng = np.random.default_rng(n)
+    roots = rng.normal(size=(19, n, n))
+    P = roots @ np.swapaxes(roots, 1, 2) + 0.1 * np.eye(n)
+    q, C = 3 * rng.normal(size=(19, n)), rng.normal(size=(19, m, n))
+    middle = np.einsum("bij,bj->bi", C, rng.normal(size=(19, n)))
+    data = (P, q, C, middle - rng.uniform(0.1, 1, (19, m)), middle + rng.uniform(0.1, 1, (19, m)))
+    solution = jax.jit(jax.vmap(solve_qp))(QuadraticProgram(*(jnp.asarray(a) for a in data)))
+    assert np.all(np.asarray(solution.status) == Status.CONVERGED)
+    expected = np.stack([clarabel_solution(*(a[k] for a in data)) for k in range(19)])
+    np.testing.assert_allclose(solution.value.x, expected, atol=1e-6)
+    assert np.any(np.asarray(solution.value.sides) != 0)
+
+
 @pytest.mark.parametrize("settings", [QpSettings(), control_settings()], ids=["default", "control"])
 def test_whole_body_torques(settings):
     """Oracle: Clarabel. Warm-started along a walk with pushes, torques are within 1 % and constraints within 1e-3."""
