@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -13,7 +14,8 @@ from jaxtyping import Float, UInt8
 from bruce_model import load_mujoco
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.film_panels import Plan, depth_panel, left_feet, map_panel, write
-from iwalker_jax.evaluation.navigation_pictures import in_true_world, seen_from_pose
+from iwalker_jax.evaluation.navigation_pictures import in_true_world
+from iwalker_jax.geometry.planar import to_base
 from iwalker_jax.navigation.task import SENTENCES, EpisodeRecord, Outcome, Task
 from iwalker_jax.simulation.filming import VideoSettings, open_renderer, place
 from iwalker_jax.simulation.mjcf import obstacle_geoms
@@ -202,8 +204,8 @@ def _mapped(
 
 def _plan_from(pose: Float[np.ndarray, " 3"], task: Task, episode: EpisodeRecord, i: int) -> Plan:
     goal = task.goals[min(int(episode.goal[i]), len(task.goals) - 1)]
-    path, steps = np.asarray(episode.path[i]), np.asarray(episode.footsteps[i])
-    path, steps, goal = (np.nan_to_num(seen_from_pose(pose, points)) for points in (path, steps, goal[None]))
+    plan = (episode.path[i], episode.footsteps[i], goal[None])
+    path, steps, goal = (np.nan_to_num(np.asarray(to_base(jnp.asarray(pose), jnp.asarray(p)))) for p in plan)
     return Plan(path, steps, goal[0])
 
 

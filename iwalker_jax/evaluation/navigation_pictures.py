@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import jax.numpy as jnp
 import matplotlib
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walk_traces import FOOT_COLOURS, save_figure
+from iwalker_jax.geometry.planar import to_base, to_world
 from iwalker_jax.navigation.task import EpisodeRecord, Outcome, Task
 from iwalker_jax.simulation.scene import Scene
 
@@ -186,16 +188,8 @@ def in_true_world(points: ArrayLike, episode: EpisodeRecord, frame: int) -> Floa
 
     A frame's plan and believed pose belong to its beginning, which is the end of the frame before.
     """
-    x, y, yaw = np.asarray(episode.base[max(frame - 1, 0)])
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    own = seen_from_pose(np.asarray(episode.believed[frame]), np.asarray(points))
-    return own @ np.array([[cos, sin], [-sin, cos]]) + np.array([x, y])
-
-
-def seen_from_pose(pose: Float[np.ndarray, " 3"], points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """World points [m] in the frame of a pose (x [m], y [m], yaw [rad])."""
-    cos, sin = np.cos(pose[2]), np.sin(pose[2])
-    return (points - pose[:2]) @ np.array([[cos, -sin], [sin, cos]])
+    own = to_base(jnp.asarray(episode.believed[frame]), jnp.asarray(points))
+    return np.asarray(to_world(jnp.asarray(episode.base[max(frame - 1, 0)]), own))
 
 
 def _caption(episode: EpisodeRecord) -> str:

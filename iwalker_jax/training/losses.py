@@ -1,7 +1,7 @@
 """The upper-level losses: U_path teaches iPath alone, U_step teaches iStepper and, through the path, iPath."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -218,8 +218,7 @@ def step_losses(
     return StepLosses(tracking, width, length, collision, published, solution.gradient_valid)
 
 
-def weighted_sum(losses: PathLosses | StepLosses, weights: LossWeights) -> Float[Array, ""]:
-    """Weighted sum of the terms of U_path or U_step."""
-    terms = losses._asdict()
-    terms.pop("converged")
-    return sum((getattr(weights, name) * value for name, value in terms.items()), start=jnp.zeros(()))
+def weighted_sum(losses: Any, weights: LossWeights) -> Float[Array, ""]:
+    """Weighted sum of the terms of U_path, U_step or the low level (a NamedTuple); what has no weight is no term."""
+    terms = losses._asdict().items()
+    return sum((getattr(weights, name) * value for name, value in terms if hasattr(weights, name)), jnp.zeros(()))

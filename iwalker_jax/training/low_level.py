@@ -24,7 +24,6 @@ from iwalker_jax.planning.robot_state import RobotState
 from iwalker_jax.robot.model import LEG_JOINTS, RobotModel, load_robot
 from iwalker_jax.robot.placement import place_robot
 from iwalker_jax.robot.rigid_body import rigid_body_terms
-from iwalker_jax.training.losses import LossWeights
 
 PHASES = (0.25, 0.75)
 """Of a swing at which the QP is asked: near the swing foot's largest acceleration and deceleration."""
@@ -127,15 +126,6 @@ def low_level_losses(
         shortfall=mean(jnp.log1p(missed)),
         placement=jnp.sum(correction(low_level, footsteps, state) ** 2),
         asked=jnp.mean(usable),
-    )
-
-
-def low_level_sum(losses: LowLevelLosses, weights: LossWeights) -> Float[Array, ""]:
-    """Weighted sum of the terms."""
-    return (
-        weights.torque_margin * losses.torque_margin
-        + weights.shortfall * losses.shortfall
-        + weights.placement * losses.placement
     )
 
 

@@ -14,7 +14,7 @@ from iwalker_jax.training.baselines import heuristic_losses, heuristic_sum
 from iwalker_jax.training.batches import Batch
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.losses import fear_loss, path_losses, step_losses, weighted_sum
-from iwalker_jax.training.low_level import LowLevel, low_level_losses, low_level_sum
+from iwalker_jax.training.low_level import LowLevel, low_level_losses
 from iwalker_jax.training.ppo import ActorCritic, Experience, log_density, normalised, ppo_losses, ppo_sum
 
 
@@ -111,7 +111,7 @@ def _step_loss(
         return footsteps, loss, terms._asdict()
     width = config.models.steps.width
     asked = jax.vmap(lambda s, x: low_level_losses(low_level, s, x, width))(footsteps, batch.state)
-    loss = loss + jax.vmap(lambda row: low_level_sum(row, config.weights))(asked)
+    loss = loss + jax.vmap(lambda row: weighted_sum(row, config.weights))(asked)
     return footsteps, loss, terms._asdict() | asked._asdict()
 
 
