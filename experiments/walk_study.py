@@ -92,7 +92,7 @@ def robust_cases() -> list[Case]:
 
 def limit_cases() -> list[Case]:
     """Faster and faster."""
-    speeds = (0.35, 0.40, 0.45, 0.50, 0.55, 0.60)
+    speeds = (0.40, 0.50, 0.60, 0.70, 0.80, 0.90, 1.00)
     return [Case(f"straight 3 m, {speed:.2f} m/s", Motion("straight", speed, distance=3.0)) for speed in speeds]
 
 
