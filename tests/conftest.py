@@ -17,6 +17,13 @@ jax.config.update("jax_numpy_dtype_promotion", "standard")
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "aims_slam"
 
 
+@pytest.fixture(scope="module", autouse=True)
+def freed_programs():
+    """Drop a module's compiled programs after it: each holds memory maps, of which a process may have only so many."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture
 def x64():
     """Run one test in double precision."""

@@ -93,7 +93,7 @@ def test_the_study_asks_for_what_it_says():
     names = [(suite, case.name) for suite, case in cases]
     assert {suite for suite, case in cases if case.many} == {"pushes", "robust"}
     assert all(case.many == (suite in ("pushes", "robust")) for suite, case in cases)
-    assert len(names) == len(set(names)) == 14 + 4 + 3 + 6
+    assert len(names) == len(set(names)) == 14 + 4 + 3 + 7
     assert ("nominal", "S-curve 3 m, 6 cm steps") in names and ("pushes", "push y 1 N s") in names
 
 
