@@ -21,9 +21,10 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from flax import nnx  # noqa: E402
 
-from benchmarks.timing import machine, timed  # noqa: E402
+from benchmarks.timing import timed  # noqa: E402
 from experiments.planner import planner_of  # noqa: E402
 from iwalker_jax.control.controller import control_step  # noqa: E402
+from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.navigation.camera import camera_in_world  # noqa: E402
 from iwalker_jax.navigation.closed_loop import LoopState, Navigator, run_episode, start_episode  # noqa: E402
 from iwalker_jax.navigation.depth_camera import take_depth  # noqa: E402
@@ -41,7 +42,7 @@ from iwalker_jax.perception.depth_cleanup import clean_depth  # noqa: E402
 from iwalker_jax.perception.distance_field import signed_distance_field  # noqa: E402
 from iwalker_jax.perception.grid import DEFAULT_GRID  # noqa: E402
 from iwalker_jax.perception.local_map import free_and_occupied  # noqa: E402
-from iwalker_jax.perception.seen_route import seen_and_whole_route  # noqa: E402
+from iwalker_jax.perception.seen_route import best_routes  # noqa: E402
 from iwalker_jax.perception.traversal import halved, pool_2x2, softened  # noqa: E402
 from iwalker_jax.planning.ipath import IPathConfig  # noqa: E402
 from iwalker_jax.planning.planner import Planner, PlannerConfig  # noqa: E402
@@ -107,7 +108,7 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
     def route(esdf: jax.Array, occupied: jax.Array, unknown: jax.Array, origin: jax.Array, at: Sight) -> tuple:
         unseen = softened(pool_2x2(unknown.astype(esdf.dtype)))
         to_go = route_costs(rules, occupied, esdf, unseen, at.goal - origin)
-        return seen_and_whole_route(to_go, unseen, at.goal - origin, at.base[:2] - origin, halved(memory_rules.grid))
+        return best_routes(to_go, unseen, at.goal - origin, at.base[:2] - origin, halved(memory_rules.grid))
 
     def ipath(at: Sight) -> jax.Array:
         return network_path(nnx.merge(nav.graph, nav.planner), at, at.goal)

@@ -17,7 +17,8 @@ from scipy.ndimage import distance_transform_edt  # noqa: E402
 from scipy.sparse import csr_matrix  # noqa: E402
 from scipy.sparse.csgraph import dijkstra  # noqa: E402
 
-from benchmarks.timing import compiled, in_turns, machine  # noqa: E402
+from benchmarks.timing import compiled, in_turns  # noqa: E402
+from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.optimization.solution import Solution  # noqa: E402
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go  # noqa: E402
 from iwalker_jax.perception.grid import GridSpec  # noqa: E402

@@ -12,7 +12,8 @@ import jax.numpy as jnp  # noqa: E402
 import mujoco  # noqa: E402
 import numpy as np  # noqa: E402
 
-from benchmarks.timing import machine, timed  # noqa: E402
+from benchmarks.timing import timed  # noqa: E402
+from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.perception.camera import CameraMount, Intrinsics  # noqa: E402
 from iwalker_jax.simulation.families import generate_scene  # noqa: E402
 from iwalker_jax.simulation.mjcf import load_scene, ray_depth  # noqa: E402

@@ -16,7 +16,8 @@ import numpy as np  # noqa: E402
 import scipy  # noqa: E402
 from scipy.ndimage import distance_transform_edt  # noqa: E402
 
-from benchmarks.timing import compiled, in_turns, machine  # noqa: E402
+from benchmarks.timing import compiled, in_turns  # noqa: E402
+from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.perception.distance_field import signed_distance_field  # noqa: E402
 
 SIZES = (100, 160, 200, 400, 512)

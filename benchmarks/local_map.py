@@ -16,7 +16,8 @@ import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 
-from benchmarks.timing import machine, timed  # noqa: E402
+from benchmarks.timing import timed  # noqa: E402
+from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject  # noqa: E402
 from iwalker_jax.perception.collision_map import (  # noqa: E402
     DEFAULT_RULES,

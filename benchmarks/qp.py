@@ -23,9 +23,10 @@ import quadprog  # noqa: E402
 import scipy.sparse as sparse  # noqa: E402
 from jax.sharding import Mesh, PartitionSpec  # noqa: E402
 
-from benchmarks.timing import compiled, machine, timed  # noqa: E402
+from benchmarks.timing import compiled, timed  # noqa: E402
 from benchmarks.ugly_qps import ugly_qps  # noqa: E402
 from benchmarks.whole_body_qps import whole_body_qps  # noqa: E402
+from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.optimization import (  # noqa: E402
     QpPoint,
     QpSettings,

@@ -20,7 +20,8 @@ from jaxtyping import Array  # noqa: E402
 from scipy import sparse  # noqa: E402
 
 from benchmarks.step_qp import StepQp, build_step_qp, irregular_walk  # noqa: E402
-from benchmarks.timing import machine, timed  # noqa: E402
+from benchmarks.timing import timed  # noqa: E402
+from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.optimization.hlip import HlipParameters  # noqa: E402
 from iwalker_jax.optimization.solution import Status  # noqa: E402
 from iwalker_jax.optimization.step_mpc import solve_step_mpc  # noqa: E402

@@ -1,7 +1,5 @@
-"""Wall times of calls, alone or in turns, and the machine that they are taken on."""
+"""Wall times of calls, alone or in turns."""
 
-import os
-import platform
 import statistics
 import time
 from collections.abc import Callable
@@ -50,11 +48,3 @@ def in_turns(calls: dict[str, Callable[[], object]], repeats: int) -> dict[str, 
 def timed(call: Callable, *arguments: Any, repeats: int) -> Times:
     """Times of one call."""
     return in_turns({"alone": partial(call, *arguments)}, repeats)["alone"]
-
-
-def machine() -> str:
-    """Processor, cores, JAX's devices and version: the first line of a benchmark."""
-    return (
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {jax.device_count()} x "
-        f"{jax.devices()[0].device_kind}, jax {jax.__version__}"
-    )

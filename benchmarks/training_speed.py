@@ -21,7 +21,8 @@ import numpy as np  # noqa: E402
 import optax  # noqa: E402
 from flax import nnx  # noqa: E402
 
-from benchmarks.timing import in_turns, machine, timed  # noqa: E402
+from benchmarks.timing import in_turns, timed  # noqa: E402
+from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.geometry.splines import resample_by_arc_length  # noqa: E402
 from iwalker_jax.optimization.step_mpc import solve_step_mpc  # noqa: E402
 from iwalker_jax.optimization.unicycle import initial_state_from_reference  # noqa: E402

@@ -20,7 +20,8 @@ import numpy as np  # noqa: E402
 import osqp  # noqa: E402
 from scipy import sparse  # noqa: E402
 
-from benchmarks.timing import machine, once, timed  # noqa: E402
+from benchmarks.timing import once, timed  # noqa: E402
+from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.optimization.unicycle import UnicycleParameters, initial_state_from_reference  # noqa: E402
 from iwalker_jax.optimization.unicycle_mpc import solve_unicycle  # noqa: E402
 

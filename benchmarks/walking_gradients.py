@@ -16,10 +16,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.timing import machine, once
+from benchmarks.timing import once
 from bruce_model import load_mujoco
 from iwalker_jax.control.controller import make_controller
 from iwalker_jax.control.footstep_plan import FootstepPlan, make_plan, velocity_footsteps
+from iwalker_jax.devices import machine
 from iwalker_jax.optimization.qp_settings import QpSettings
 from iwalker_jax.robot.leg_kinematics import load_leg_kinematics
 from iwalker_jax.robot.model import load_robot

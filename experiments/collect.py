@@ -91,10 +91,10 @@ def collect(command: Command) -> None:
             if not file.exists():
                 tasks = [training_task(1_000_000 * (command.seed + 1) + k) for k in numbers]
                 tasks = [dataclasses.replace(task, time_limit=command.seconds) for task in tasks]
-                record = program.run(tasks, seed=command.seed + first)
+                seed = command.seed + first
+                record = program.run(tasks, seed=seed)
                 names = [Outcome(int(last)).name.lower().replace("_", " ") for last in record.outcome[:, -1]]
                 file.with_suffix(".json").write_text(json.dumps(names) + "\n")
-                seed = command.seed + first
                 save_frames(frames_from_episodes(navigator.camera, tasks, record, command.stride, seed), file)
             parts.append(load_frames(file))
             ends.update(json.loads(file.with_suffix(".json").read_text()))
@@ -121,7 +121,7 @@ def parts_folder(command: Command, planner: str, width: int) -> Path:
         settings.write_text(json.dumps(wanted, indent=2) + "\n")
     elif not settings.exists() or json.loads(settings.read_text()) != wanted:
         raise InputError(f"{folder} holds something else or walks with other options; move it or choose another --out.")
-    finished = len(list(folder.glob("*.npz")))
+    finished = sum(file.stem.isdigit() for file in folder.glob("*.npz"))
     if finished:
         say(f"{finished} batches are there already.")
     return folder

@@ -9,24 +9,22 @@ if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
     configure_rendering()
 
-import os
-import platform
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-import jax
 import tyro
 
 from experiments.console import Advance, come_together, console, exit_with, progress_bar, require_at_least, say, stopped
 from experiments.planner import planner_of
+from iwalker_jax.devices import machine
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.navigation_film import FilmSettings
 from iwalker_jax.evaluation.navigation_report import Report, write_report
 from iwalker_jax.evaluation.navigation_study import MakeProgram, Program, Progress, Study, run_study
 from iwalker_jax.evaluation.navigation_tables import COLUMNS, navigation_table
-from iwalker_jax.evaluation.navigation_walks import OF, StudySettings
+from iwalker_jax.evaluation.navigation_walks import OF, StudySettings, policy_and_networks
 from iwalker_jax.evaluation.report import evaluate_all, standard_sequences
 from iwalker_jax.evaluation.sequences import Sequence
 from iwalker_jax.evaluation.tables import Table, legend
@@ -132,7 +130,7 @@ def study_settings(command: Command, planner: Planner, name: str) -> tuple[Study
     )
     planners: dict[str, Planner] = {}
     for policy in policies:
-        kind, _, folder = policy.partition(OF)
+        kind, folder = policy_and_networks(policy)
         if folder:
             other, _, other_name = planner_of(Path(folder))
             planners[f"{kind}{OF}{other_name}"] = other
@@ -179,7 +177,7 @@ def program_maker(command: Command, planners: dict[str, Planner]) -> MakeProgram
     sensors: Literal["nominal", "none"] = "nominal" if command.state == "estimated" else "none"
 
     def make(policy: str, width: int, images: bool) -> Program:
-        navigator = make_navigator(policy.partition(OF)[0], planners[policy], sensors, command.depth == "noisy")
+        navigator = make_navigator(policy_and_networks(policy)[0], planners[policy], sensors, command.depth == "noisy")
         return EpisodeProgram(navigator, width, command.devices, images)
 
     return make
@@ -199,15 +197,6 @@ def described(command: Command, name: str) -> dict[str, str]:
             "state": command.state,
         }
     return words
-
-
-def machine() -> str:
-    """The machine in words."""
-    device = jax.devices()[0]
-    return (
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {jax.device_count()} x "
-        f"{device.device_kind}, jax {jax.__version__}"
-    )
 
 
 if __name__ == "__main__":

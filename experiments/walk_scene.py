@@ -25,8 +25,7 @@ from iwalker_jax.navigation.task import SENTENCES, EpisodeRecord, Outcome, Task
 from iwalker_jax.navigation.task_routes import (
     PACE,
     clearances,
-    comfortable_route,
-    length_of,
+    leg_lengths,
     single_precision,
     time_limit,
 )
@@ -86,7 +85,7 @@ def task_of(walk: SceneWalk) -> Task:
         start = (x, y, math.radians(degrees))
     task = Task(name, scene, start, np.asarray(goals))
     _check_start(task)
-    return dataclasses.replace(task, time_limit=time_limit(tour_length(task)))
+    return dataclasses.replace(task, time_limit=time_limit(allowed_length(task)))
 
 
 def _scene_of(file: Path, goals: tuple[tuple[float, float], ...], bounds: Bounds | None) -> Scene:
@@ -111,14 +110,12 @@ def _check_start(task: Task) -> None:
         )
 
 
-def tour_length(task: Task) -> float:
-    """[m] of the way from the start through all goals, by comfortable routes as in generated tasks."""
-    scene = single_precision(task.scene)
-    length = 0.0
-    for here, there in pairwise(np.concatenate([[task.start[:2]], task.goals])):
-        route = comfortable_route(scene, here, there)
-        length += _DETOUR * math.dist(here, there) if route is None else length_of(route)
-    return length
+def allowed_length(task: Task) -> float:
+    """[m] of the way from the start through all goals: comfortable routes, and detours where there are none."""
+    stops = np.concatenate([[task.start[:2]], task.goals])
+    direct = [_DETOUR * math.dist(here, there) for here, there in pairwise(stops)]
+    lengths = leg_lengths(single_precision(task.scene), stops)
+    return sum(away if length is None else length for away, length in zip(direct, lengths, strict=True))
 
 
 def walk_in_scene(walk: SceneWalk) -> None:
@@ -130,7 +127,9 @@ def walk_in_scene(walk: SceneWalk) -> None:
     task = task_of(walk)
     planner, _, name = planner_of(None if walk.policy == PRETRAINED else Path(walk.policy))
     navigator = make_navigator(walk.navigation, planner, walk.sensors)
-    disturbances = dataclasses.replace(walk.disturbances, push_after=tour_length(task) / PACE / 2)
+    disturbances = walk.disturbances
+    if disturbances.push_impulse:
+        disturbances = dataclasses.replace(disturbances, push_after=allowed_length(task) / PACE / 2)
     program = EpisodeProgram(navigator, 1, 1, images=True, disturbances=disturbances)
     with progress_bar("simulated seconds", round(task.time_limit)) as advance:
         advance(0, "compiling, a minute or two the first time")

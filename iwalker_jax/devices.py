@@ -1,5 +1,7 @@
-"""Which of this process's devices a program runs on, and programs whose rows are split over them."""
+"""The machine's devices: which of them a program runs on, and programs whose rows are split over them."""
 
+import os
+import platform
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -22,6 +24,14 @@ def chosen_devices(count: int | None = None) -> list[jax.Device]:
     if not 1 <= count <= len(present):
         raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.local_devices().")
     return present[:count]
+
+
+def machine() -> str:
+    """Processor, cores, JAX's devices and version in a line, for tables of times."""
+    return (
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {jax.device_count()} x "
+        f"{jax.devices()[0].device_kind}, jax {jax.__version__}"
+    )
 
 
 class SplitProgram:

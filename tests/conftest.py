@@ -12,6 +12,9 @@ configure_rendering()
 
 import jax  # noqa: E402
 
+from bruce_model import load_mujoco  # noqa: E402
+from iwalker_jax.simulation.body_volume import load_body_volume  # noqa: E402
+
 jax.config.update("jax_numpy_dtype_promotion", "standard")
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "aims_slam"
@@ -29,6 +32,18 @@ def x64():
     """Run one test in double precision."""
     with jax.enable_x64(True):
         yield
+
+
+@pytest.fixture(scope="session")
+def bruce_mujoco():
+    """BRUCE as C MuJoCo has it; not to be changed."""
+    return load_mujoco()
+
+
+@pytest.fixture(scope="session")
+def bruce_volume(bruce_mujoco):
+    """The volume of BRUCE's body."""
+    return load_body_volume(bruce_mujoco)
 
 
 @pytest.fixture(scope="session")

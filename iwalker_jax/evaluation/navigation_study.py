@@ -102,9 +102,8 @@ def run_study(
     """Walk everything that the folder's log does not hold yet, and write log, tables, sheets and films.
 
     A batch of which an episode or a trace is missing is walked again, and comes out as before. After every batch the
-    log episodes.csv has grown and the tables navigation.md and .csv are new. Of several
-    processes each walks its share and logs it in a file of its own; they part at the end, and process 0 goes on alone
-    to draw what all have walked.
+    log episodes.csv has grown and the tables navigation.md and .csv are new. Of several processes each walks its share
+    and logs it in a file of its own; they part at the end, and process 0 goes on alone to draw what all have walked.
 
     Args:
         settings: what is walked.

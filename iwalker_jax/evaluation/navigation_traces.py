@@ -1,6 +1,5 @@
 """What is kept of a study's episodes to look at: traces on disk, and the sheets from above drawn from them."""
 
-import os
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from iwalker_jax.evaluation.navigation_metrics import judged, row_of
 from iwalker_jax.evaluation.navigation_pictures import save_episode_grid
 from iwalker_jax.evaluation.navigation_walks import Batch, StudySettings
 from iwalker_jax.navigation.task import EpisodeRecord, Outcome, Task
+from iwalker_jax.whole_files import written_whole
 
 _PANELS = 16  # episodes on a sheet
 
@@ -27,10 +27,8 @@ def save_traces(file: Path, record: EpisodeRecord) -> None:
         **{name: getattr(record, name)[:, -1:] for name in ("qpos", "path", "footsteps")},
         **{name: getattr(record, name)[:, :0] for name in ("depth", "occupied")},
     )
-    file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_name(f"{file.stem}.part.npz")  # a crash must not leave half a file under the name
-    np.savez_compressed(part, allow_pickle=False, **{k: np.asarray(v) for k, v in small._asdict().items()})
-    os.replace(part, file)
+    with written_whole(file) as part:
+        np.savez_compressed(part, allow_pickle=False, **{k: np.asarray(v) for k, v in small._asdict().items()})
 
 
 def has_traces(file: Path, episodes: int) -> bool:

@@ -50,8 +50,12 @@ class StudySettings:
     width: int = 20
 
     def __post_init__(self) -> None:
-        for title, given, known in (("policy", self.policies, tuple(POLICIES)), ("set of walks", self.walks, WALKS)):
-            unknown = [name for name in given if name.partition(OF)[0] not in known]
+        kinds = tuple(policy_and_networks(policy)[0] for policy in self.policies)
+        for title, given, names, known in (
+            ("policy", self.policies, kinds, tuple(POLICIES)),
+            ("set of walks", self.walks, self.walks, WALKS),
+        ):
+            unknown = [whole for whole, name in zip(given, names) if name not in known]
             if unknown or not given or len(set(given)) < len(given):
                 raise InputError(
                     f"{', '.join(unknown or given) or 'No'}: choose each {title} once, of {', '.join(known)}."
@@ -70,8 +74,14 @@ class StudySettings:
 
     def who(self, policy: str) -> tuple[str, str]:
         """Name of a policy of `POLICIES`, and of the networks that it asks."""
-        name, _, other = policy.partition(OF)
+        name, other = policy_and_networks(policy)
         return name, other or self.planner
+
+
+def policy_and_networks(policy: str) -> tuple[str, str]:
+    """Name of a policy of `POLICIES`, and what is said of other networks than the study's own; empty if nothing."""
+    name, _, other = policy.partition(OF)
+    return name, other
 
 
 class Walk(NamedTuple):

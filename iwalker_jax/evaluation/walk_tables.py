@@ -1,7 +1,6 @@
 """Tables of walks: one row a case with the figures of all its robots, as text, Markdown and CSV."""
 
 import csv
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -13,6 +12,7 @@ import numpy as np
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.tables import Column, aligned_text, markdown_table
 from iwalker_jax.evaluation.walk_metrics import WalkMetrics, speed_error
+from iwalker_jax.whole_files import written_whole
 
 
 class Labels(NamedTuple):
@@ -122,14 +122,12 @@ class WalkTable:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / f"{name}.txt").write_text(f"{self.text()}\n\n{legend()}\n")
         (folder / f"{name}.md").write_text(f"{self.markdown()}\n\n{legend()}\n")
-        # The file is replaced whole, so that it can be read again whenever the study was stopped.
-        partial = folder / f"{name}.csv.partial"
-        with partial.open("w", newline="") as stream:
+        # Whole, so that it can be read again whenever the study was stopped.
+        with written_whole(folder / f"{name}.csv") as part, part.open("w", newline="") as stream:
             writer = csv.writer(stream)
             writer.writerow(_HEADER)
             for labels, row in self.rows:
                 writer.writerow([*labels, *(row[column.title] for column in COLUMNS)])
-        os.replace(partial, folder / f"{name}.csv")
 
 
 def load_table(file: str | PathLike) -> WalkTable:

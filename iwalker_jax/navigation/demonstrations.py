@@ -1,19 +1,12 @@
 """Tasks with names: the three demonstrations and the walks through the four test sequences."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.task import Task
-from iwalker_jax.navigation.task_routes import (
-    clearances,
-    comfortable_route,
-    length_of,
-    single_precision,
-    time_limit,
-)
+from iwalker_jax.navigation.task_routes import clearances, leg_lengths, single_precision, time_limit
 from iwalker_jax.simulation.demonstration_scenes import DEMONSTRATION_NAMES, demonstration_scene
 from iwalker_jax.simulation.scene import Scene
 from iwalker_jax.simulation.test_scenes import TEST_NAMES, test_sequence
@@ -89,8 +82,7 @@ def tour_length(scene: Scene, start: tuple[float, float, float], goals: np.ndarr
     spare = clearances(arrays, stops) - np.append(START_CLEARANCE, np.full(len(goals), GOAL_CLEARANCE))
     if spare.min() < 0:
         return None
-    routes = [comfortable_route(arrays, here, there) for here, there in pairwise(stops)]
-    lengths = [length_of(route) for route in routes if route is not None]
+    lengths = [length for length in leg_lengths(arrays, stops) if length is not None]
     return sum(lengths) if len(lengths) == len(goals) else None
 
 

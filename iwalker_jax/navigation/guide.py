@@ -19,7 +19,7 @@ from iwalker_jax.perception.depth_cleanup import clean_depth
 from iwalker_jax.perception.distance_field import signed_distance_field
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
 from iwalker_jax.perception.local_map import free_and_occupied
-from iwalker_jax.perception.seen_route import seen_and_whole_route
+from iwalker_jax.perception.seen_route import best_routes
 from iwalker_jax.perception.traversal import TraversalRules, halved, pool_2x2, softened, traversal_cost
 from iwalker_jax.planning.planner import Planner
 
@@ -108,7 +108,7 @@ def guide(
     esdf = signed_distance_field(occupied, rules.memory.resolution)
     unseen = softened(pool_2x2(unknown.astype(esdf.dtype)))
     to_go = route_costs(rules, occupied, esdf, unseen, goal)
-    seen, whole = seen_and_whole_route(to_go, unseen, goal, start, coarse)
+    seen, whole = best_routes(to_go, unseen, goal, start, coarse)
     band, detour = safe_path(rules.band_rules, seen, esdf, grid)
     if rules.source == "guided":
         route, ahead = band, _on_route(whole, rules.ahead) + origin

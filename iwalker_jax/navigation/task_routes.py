@@ -1,5 +1,7 @@
 """Ground-truth routes of tasks: whether a goal can be walked to, how long the way is and how long it may take."""
 
+from itertools import pairwise
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -50,6 +52,12 @@ def comfortable_route(
 def length_of(route: Float[np.ndarray, "n 2"]) -> float:
     """Length [m] of a polyline."""
     return float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
+
+
+def leg_lengths(scene: SceneArrays, stops: Float[np.ndarray, "n 2"]) -> list[float | None]:
+    """Length [m] of the comfortable route from each stop to the next; None where there is none."""
+    routes = [comfortable_route(scene, here, there) for here, there in pairwise(stops)]
+    return [None if route is None else length_of(route) for route in routes]
 
 
 def clearances(scene: SceneArrays, points: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:

@@ -1,5 +1,7 @@
 """The best route on a map towards a goal, as far as the map shows it: what a planner could know from what was seen."""
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -16,16 +18,26 @@ ROUTE_POINTS = 50
 _SMOOTHING_PASSES = 6
 
 
-def seen_route(
+class Routes(NamedTuple):
+    """Evenly spaced points [m] from the start.
+
+    Attributes:
+        seen: to the goal, or to where the route would enter unseen space, or to the edge of the map.
+        whole: to the goal or the edge of the map, whether it was seen or not.
+    """
+
+    seen: Float[Array, "points 2"]
+    whole: Float[Array, "points 2"]
+
+
+def best_routes(
     to_go: Float[Array, "rows columns"],
     unknown: Float[Array, "rows columns"],
     goal: Float[Array, " 2"],
     start: Float[Array, " 2"] | None = None,
     grid: GridSpec = ROUTE_GRID,
-) -> Float[Array, "points 2"]:
-    """The best route from the robot towards a goal, as far as it was seen: evenly spaced points [m] from the start.
-
-    It ends at the goal, or where the route would enter unseen space, or at the edge of the map.
+) -> Routes:
+    """The best route from the robot towards a goal.
 
     Args:
         to_go: cost-to-go on the grid.
@@ -33,17 +45,6 @@ def seen_route(
         goal: [m] in the grid's frame, as the start, which is the origin if left out.
         grid: where the cells lie.
     """
-    return seen_and_whole_route(to_go, unknown, goal, start, grid)[0]
-
-
-def seen_and_whole_route(
-    to_go: Float[Array, "rows columns"],
-    unknown: Float[Array, "rows columns"],
-    goal: Float[Array, " 2"],
-    start: Float[Array, " 2"] | None = None,
-    grid: GridSpec = ROUTE_GRID,
-) -> tuple[Float[Array, "points 2"], Float[Array, "points 2"]]:
-    """`seen_route`, and the same route to its end whether it was seen or not."""
     start = jnp.zeros(2, to_go.dtype) if start is None else start
     cells = descend(to_go, grid, start, 2 * max(grid.shape))
     last = cells[-1]
@@ -51,7 +52,7 @@ def seen_and_whole_route(
     way = jnp.concatenate([start[None], cells[1:], jnp.where(arrived, goal, last)[None]])
     seen = jnp.cumprod(sample_bilinear(unknown, grid, way, outside="clamp") < 0.5).astype(bool)
     end = way[jnp.maximum(jnp.sum(seen) - 1, 0)]
-    return _smoothed(jnp.where(seen[:, None], way, end)), _smoothed(way)
+    return Routes(_smoothed(jnp.where(seen[:, None], way, end)), _smoothed(way))
 
 
 def _smoothed(way: Float[Array, "n 2"]) -> Float[Array, "points 2"]:

@@ -25,6 +25,7 @@ from iwalker_jax.simulation.filming import (
 )
 from iwalker_jax.simulation.headless import has_screen
 from iwalker_jax.simulation.motion import check_motion, resample_motion
+from iwalker_jax.whole_files import written_whole
 
 _VIEW = (1.8, 130.0, -15.0)
 """Distance [m], azimuth and elevation [deg] from which the viewer first looks at the base."""
@@ -75,8 +76,13 @@ def write_frames(file: Path, frames: Iterator[UInt8[np.ndarray, "height width 3"
     write = _write_gif if _suffix(file) == ".gif" else _write_movie
     # The first frame shows what is wrong with motion, camera or OpenGL before a file is opened.
     frames = itertools.chain([next(frames)], frames)
-    with _whole_or_not_at_all(file) as part:
-        return write(frames, part, fps)
+    try:
+        with written_whole(file) as part:
+            part.open("wb").close()
+            return write(frames, part, fps)
+    except OSError as error:
+        why = error.strerror or error
+        raise InputError(f"The video {file} cannot be written ({why}); choose another place.") from error
 
 
 def _suffix(file: Path) -> str:
@@ -84,23 +90,6 @@ def _suffix(file: Path) -> str:
     if suffix not in (*_CODECS, ".gif"):
         raise InputError(f"The video {file} ends in {suffix!r}; use .mp4, .webm or .gif.")
     return suffix
-
-
-@contextmanager
-def _whole_or_not_at_all(file: Path) -> Iterator[Path]:
-    """A file beside the wanted one to write to; it takes that one's place when it is complete, else it goes."""
-    part = file.with_name(f"{file.stem}.part{file.suffix}")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        part.open("wb").close()
-        try:
-            yield part
-            part.replace(file)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        why = error.strerror or error
-        raise InputError(f"The video {file} cannot be written ({why}); choose another place.") from error
 
 
 def show(

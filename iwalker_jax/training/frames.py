@@ -1,6 +1,5 @@
 """Frame sets: depth images with mounts and goals, the one form in which training data reaches the planner."""
 
-import contextlib
 import hashlib
 import io
 import json
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.whole_files import written_whole
 
 DEPTH_UNIT = 0.001
 """[m] stored depth unit: depth images rest as uint16 millimetres, as the sensors deliver them."""
@@ -100,15 +100,11 @@ def save_frames(frames: FrameSet, file: Path) -> None:
         scene_names=np.array(json.dumps(frames.scene_names)),
     )
     payload = buffer.getvalue()
-    partial = file.with_suffix(".partial")
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(payload)
-        partial.replace(file)
+        with written_whole(file) as part:
+            part.write_bytes(payload)
         checksum_file(file).write_text(hashlib.sha256(payload).hexdigest() + "\n")
     except OSError as error:
-        with contextlib.suppress(OSError):
-            partial.unlink()
         raise InputError(f"Cannot write {file}: {error.strerror}; free some space or choose another folder.") from error
 
 

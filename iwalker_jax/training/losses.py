@@ -26,6 +26,9 @@ from iwalker_jax.training.maps import FrameMaps
 _ROUTE_SOFTNESS = 0.05  # [m] below which the distance to the route counts quadratically
 
 
+_SHARES = ("converged", "asked")  # of losses: what tells of the solvers
+
+
 @dataclass(frozen=True)
 class LossWeights:
     """Weights of the terms of U_path and U_step; zero switches a term off.
@@ -219,6 +222,6 @@ def step_losses(
 
 
 def weighted_sum(losses: Any, weights: LossWeights) -> Float[Array, ""]:
-    """Weighted sum of the terms of U_path, U_step or the low level (a NamedTuple); what has no weight is no term."""
-    terms = losses._asdict().items()
-    return sum((getattr(weights, name) * value for name, value in terms if hasattr(weights, name)), jnp.zeros(()))
+    """Weighted sum of the terms of U_path, U_step or the low level, a NamedTuple; shares of usable rows are none."""
+    terms = {name: value for name, value in losses._asdict().items() if name not in _SHARES}
+    return sum((getattr(weights, name) * value for name, value in terms.items()), start=jnp.zeros(()))

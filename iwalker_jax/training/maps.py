@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.cost_to_go import cost_to_go
 from iwalker_jax.perception.local_map import build_local_map
-from iwalker_jax.perception.seen_route import ROUTE_GRID, seen_route
+from iwalker_jax.perception.seen_route import ROUTE_GRID, best_routes
 from iwalker_jax.perception.traversal import TraversalRules, pool_2x2, softened, traversal_cost
 from iwalker_jax.training.frames import DEPTH_UNIT, FrameSet
 
@@ -24,7 +24,7 @@ class TrainingData(NamedTuple):
         esdf: (n, rows, columns) float16 [m] on `DEFAULT_GRID`.
         unknown: (n, half_rows, half_columns) float16, softened share of unseen cells on `ROUTE_GRID`.
         to_go: (n, g, half_rows, half_columns) float16, cost-to-go to each goal on `ROUTE_GRID`.
-        routes: (n, g, points, 2) float16 [m], best seen route to each goal, see `seen_route`.
+        routes: (n, g, points, 2) float16 [m], best seen route to each goal, see `best_routes`.
         published: (n, 100, 100) float16, the paper's collision map.
     """
 
@@ -70,7 +70,7 @@ def frame_maps(
     unknown = softened(pool_2x2(local.unknown.astype(jnp.float32)))
     cost = traversal_cost(pool_2x2(local.esdf), unknown, rules)
     to_go = jax.vmap(lambda goal: cost_to_go(cost, goal, ROUTE_GRID).value.cost)(goals)
-    routes = jax.vmap(lambda goal, values: seen_route(values, unknown, goal))(goals, to_go)
+    routes = jax.vmap(lambda goal, values: best_routes(values, unknown, goal).seen)(goals, to_go)
     return FrameMaps(local.esdf, unknown, to_go, routes, local.published)
 
 

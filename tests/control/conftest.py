@@ -2,14 +2,8 @@
 
 import pytest
 
-from bruce_model import load_mujoco
 from iwalker_jax.control.controller import make_controller
 from iwalker_jax.robot.model import load_robot
-
-
-@pytest.fixture(scope="session")
-def bruce_mujoco():
-    return load_mujoco()
 
 
 @pytest.fixture(scope="session")

@@ -73,7 +73,7 @@ def test_a_machine_that_cannot_draw_keeps_its_other_results(pretended, file, tmp
     disturbances, task = pretended
     assert disturbances.push_impulse == 1
     # Around the partition's end at (3, 2) the way is longer than straight ahead; the push comes halfway at 0.25 m/s.
-    length = walk_scene.tour_length(task)
+    length = walk_scene.allowed_length(task)
     assert 2 * math.dist((1, 1), (3, 2.2)) < length < 6
     assert disturbances.push_after == pytest.approx(length / 0.25 / 2)
     assert task.time_limit == pytest.approx(time_limit(length))

@@ -7,26 +7,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from bruce_model import crouch_qpos, load_mujoco
+from bruce_model import crouch_qpos
 from iwalker_jax.navigation.surface_distance import original_surface, surface_distance
 from iwalker_jax.robot.model import load_robot
-from iwalker_jax.simulation.body_volume import body_clearance_at, load_body_volume
+from iwalker_jax.simulation.body_volume import body_clearance_at
 from iwalker_jax.simulation.mesh_checks import mesh_clearance
 from iwalker_jax.simulation.scene import Scene
 from tests.navigation.test_user_scene import mesh_of
 
 BOXES = [[1.2, 0.5, 0.6, 0.2, 0.3, 0.6, 0.4], [0.0, -0.8, 0.2, 0.6, 0.1, 0.2, 0.0]]
 ROOM = Scene("room", "test", np.array(BOXES), np.array([[0.4, 1.1, 0.5, 0.2, 0.5]]), (-2, -2, 2, 2), None)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return load_mujoco()
-
-
-@pytest.fixture(scope="module")
-def volume(model):
-    return load_body_volume(model)
 
 
 def states(count=20):
@@ -54,29 +44,31 @@ def exported(kind, folder):
 
 
 @pytest.mark.parametrize("kind", ["stl", "xml"])
-def test_distances_to_solids_are_those_of_the_converted_scene(model, volume, tmp_path, kind):
+def test_distances_to_solids_are_those_of_the_converted_scene(bruce_mujoco, bruce_volume, tmp_path, kind):
     """Oracle: the analytic clearance of the same boxes and cylinders; the floor slab does not count."""
     surface = original_surface(exported(kind, tmp_path))
-    robot, scene = load_robot(model), ROOM.arrays()
-    clearances = jax.jit(jax.vmap(lambda state: body_clearance_at(robot, volume, scene, state)))
+    robot, scene = load_robot(bruce_mujoco), ROOM.arrays()
+    clearances = jax.jit(jax.vmap(lambda state: body_clearance_at(robot, bruce_volume, scene, state)))
     exact = clearances(jnp.asarray(states(), jnp.float32))
     assert 0.01 < float(exact.min()) < 0.3
-    assert surface_distance(surface, volume, model, states()) == pytest.approx(float(exact.min()), abs=2e-3)
+    assert surface_distance(surface, bruce_volume, bruce_mujoco, states()) == pytest.approx(
+        float(exact.min()), abs=2e-3
+    )
 
 
-def test_of_all_spheres_and_faces_the_nearest_count(model, volume):
+def test_of_all_spheres_and_faces_the_nearest_count(bruce_mujoco, bruce_volume):
     """Oracle: trimesh's closest points for every sphere of every state on the faces of a torus."""
     torus = trimesh.creation.torus(0.35, 0.05).apply_translation((0.9, 0.5, 0.4))
-    data, least = mujoco.MjData(model), np.inf
+    data, least = mujoco.MjData(bruce_mujoco), np.inf
     for state in states():
         data.qpos[:] = state
-        mujoco.mj_kinematics(model, data)
-        for body, offset, radius in zip(*(np.asarray(leaf) for leaf in volume), strict=True):
+        mujoco.mj_kinematics(bruce_mujoco, data)
+        for body, offset, radius in zip(*(np.asarray(leaf) for leaf in bruce_volume), strict=True):
             place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ offset
             least = min(least, float(mesh_clearance(torus, place[None])[0]) - float(radius))
-    assert surface_distance(torus, volume, model, states()) == pytest.approx(least, abs=1e-6)
+    assert surface_distance(torus, bruce_volume, bruce_mujoco, states()) == pytest.approx(least, abs=1e-6)
 
 
-def test_nothing_near_is_infinitely_far(model, volume):
+def test_nothing_near_is_infinitely_far(bruce_mujoco, bruce_volume):
     far = trimesh.creation.box(bounds=[[5, 5, 0.1], [6, 6, 1]])
-    assert surface_distance(far, volume, model, states(2)) == np.inf
+    assert surface_distance(far, bruce_volume, bruce_mujoco, states(2)) == np.inf

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from bruce_model import load_mujoco, mjcf_text
+from bruce_model import mjcf_text
 from iwalker_jax.errors import InputError
 from iwalker_jax.robot.model import load_robot
 from iwalker_jax.simulation.body_volume import TOLERANCE, body_clearance, body_clearance_at, load_body_volume
@@ -19,19 +19,9 @@ from tests.gradients import assert_gradients_agree
 
 
 @pytest.fixture(scope="module")
-def model():
-    return load_mujoco()
-
-
-@pytest.fixture(scope="module")
-def volume(model):
-    return load_body_volume(model)
-
-
-@pytest.fixture(scope="module")
-def clearance(model, volume):
-    robot = load_robot(model)
-    return jax.jit(lambda scene, qpos: body_clearance_at(robot, volume, scene, qpos))
+def clearance(bruce_mujoco, bruce_volume):
+    robot = load_robot(bruce_mujoco)
+    return jax.jit(lambda scene, qpos: body_clearance_at(robot, bruce_volume, scene, qpos))
 
 
 def poses(model, count: int, seed: int) -> np.ndarray:
@@ -68,7 +58,7 @@ def geom_distance(oracle, data, geom, solid):
 
 
 @pytest.mark.parametrize("name", ["office", "stair"])
-def test_distances_are_those_of_c_mujoco(clearance, model, name):
+def test_distances_are_those_of_c_mujoco(clearance, bruce_mujoco, name):
     """Oracle: `mj_geomDistance` of the volume's geoms against every obstacle, in postures outside and just inside."""
     scene = scene_named(name)
     oracle = with_scene(scene)
@@ -76,7 +66,7 @@ def test_distances_are_those_of_c_mujoco(clearance, model, name):
     body = [g for g in range(oracle.ngeom) if oracle.geom_group[g] in (2, 3)]
     solids = [g for g in range(oracle.ngeom) if oracle.geom_bodyid[g] == 0]
     arrays, errors = scene.arrays(), []
-    for qpos in poses(model, 80, seed=1):
+    for qpos in poses(bruce_mujoco, 80, seed=1):
         data.qpos[:] = qpos
         mujoco.mj_kinematics(oracle, data)
         exact = min(geom_distance(oracle, data, geom, solid) for solid in solids for geom in body)
@@ -91,23 +81,23 @@ def test_distances_are_those_of_c_mujoco(clearance, model, name):
     assert np.abs(errors).max() < 0.015
 
 
-def test_spheres_keep_the_tolerance(model, volume):
+def test_spheres_keep_the_tolerance(bruce_mujoco, bruce_volume):
     """Oracle: NumPy, from random points in every geom to the spheres and from the spheres' skin to the geoms."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    bodies = np.asarray(volume.bodies)
+    data = mujoco.MjData(bruce_mujoco)
+    mujoco.mj_forward(bruce_mujoco, data)
+    bodies = np.asarray(bruce_volume.bodies)
     for body in set(bodies.tolist()):
         mine = bodies == body
-        offsets, radii = np.asarray(volume.offsets)[mine], np.asarray(volume.radii)[mine]
-        geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == body]
-        points = np.concatenate([surface_points(model, g) for g in geoms])
+        offsets, radii = np.asarray(bruce_volume.offsets)[mine], np.asarray(bruce_volume.radii)[mine]
+        geoms = [g for g in range(bruce_mujoco.ngeom) if bruce_mujoco.geom_bodyid[g] == body]
+        points = np.concatenate([surface_points(bruce_mujoco, g) for g in geoms])
         short = (np.linalg.norm(points[:, None] - offsets, axis=-1) - radii).min(axis=1)
         assert short.max() <= TOLERANCE + 1e-6
         rng = np.random.default_rng(body)
         ways = rng.normal(size=(300, 3))
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
         skin = (offsets[:, None] + radii[:, None, None] * ways).reshape(-1, 3)
-        beyond = np.min([distance_to_geom(model, g, skin) for g in geoms], axis=0)
+        beyond = np.min([distance_to_geom(bruce_mujoco, g, skin) for g in geoms], axis=0)
         assert beyond.max() <= TOLERANCE + 1e-6
 
 
@@ -143,32 +133,32 @@ def surface_points(model, geom):
     return points[distance_to_geom(model, geom, points) <= 1e-9]
 
 
-def test_gradients_of_positions_and_rotations(x64, model, volume):
+def test_gradients_of_positions_and_rotations(x64, bruce_mujoco, bruce_volume):
     """Oracle: central differences, outside and inside obstacles."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    data = mujoco.MjData(bruce_mujoco)
+    mujoco.mj_forward(bruce_mujoco, data)
     rotations = jnp.asarray(data.xmat.reshape(-1, 3, 3))
     boxes = [[0.4, 0.1, 0.3, 0.1, 0.2, 0.3, 0.3], [2.0, 0.0, 0.5, 0.2, 0.2, 0.5, 0.0]]
     scene = Scene("two", "test", boxes, [[-0.4, 0.0, 0.2, 0.1, 0.2]], (-3.0, -3.0, 3.0, 3.0)).arrays()
-    clearance = jax.jit(lambda p, r: body_clearance(volume, p, r, scene))
+    clearance = jax.jit(lambda p, r: body_clearance(bruce_volume, p, r, scene))
     for shift in ([0.0, 0.02, 0.0], [0.22, 0.07, 0.0], [-0.4, 0.01, 0.0]):
         positions = jnp.asarray(data.xpos + shift)
         assert_gradients_agree(clearance, positions, rotations)
 
 
-def test_an_empty_scene_is_far_and_has_finite_gradients(model, volume):
+def test_an_empty_scene_is_far_and_has_finite_gradients(bruce_mujoco, bruce_volume):
     """Property: without obstacles the clearance is huge and its derivatives are numbers."""
     scene = Scene("empty", "test", np.empty((0, 7)), np.empty((0, 5)), (-3.0, -3.0, 3.0, 3.0)).arrays()
-    positions, rotations = jnp.zeros((model.nbody, 3)), jnp.tile(jnp.eye(3), (model.nbody, 1, 1))
-    value, slope = jax.jit(jax.value_and_grad(body_clearance, argnums=1))(volume, positions, rotations, scene)
+    positions, rotations = jnp.zeros((bruce_mujoco.nbody, 3)), jnp.tile(jnp.eye(3), (bruce_mujoco.nbody, 1, 1))
+    value, slope = jax.jit(jax.value_and_grad(body_clearance, argnums=1))(bruce_volume, positions, rotations, scene)
     assert value > 100.0
     assert bool(jnp.isfinite(slope).all())
 
 
-def test_a_batch_equals_its_members(clearance, model):
+def test_a_batch_equals_its_members(clearance, bruce_mujoco):
     """Property: vmap changes nothing."""
     scene = scene_named("corner").arrays()
-    qpos = jnp.asarray(poses(model, 3, seed=2), jnp.float32)
+    qpos = jnp.asarray(poses(bruce_mujoco, 3, seed=2), jnp.float32)
     together = jax.jit(jax.vmap(clearance, in_axes=(None, 0)))(scene, qpos)
     np.testing.assert_allclose(together, [clearance(scene, one) for one in qpos], atol=1e-6)
 

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.cost_to_go import cost_to_go
-from iwalker_jax.perception.seen_route import ROUTE_GRID, ROUTE_POINTS, seen_route
+from iwalker_jax.perception.seen_route import ROUTE_GRID, ROUTE_POINTS, best_routes
 from iwalker_jax.perception.traversal import TraversalRules
 from iwalker_jax.training.maps import FrameMaps, frame_maps, prepare
 
@@ -47,7 +47,7 @@ def test_a_partial_last_batch_changes_nothing(small_frames, small_data):
 
 @jax.jit
 def plan_route(cost, unknown, goal):
-    return seen_route(cost_to_go(cost, goal, ROUTE_GRID).value.cost, unknown, goal)
+    return best_routes(cost_to_go(cost, goal, ROUTE_GRID).value.cost, unknown, goal).seen
 
 
 CENTRES = np.asarray(ROUTE_GRID.centres())
