@@ -142,7 +142,7 @@ def _first_residual(effect: LegEffect, dtype: DTypeLike) -> Float[Array, "2 2 2 
 
 def planned_footsteps(
     plan: FootstepPlan, state: GaitState, count: int
-) -> tuple[Float[Array, "n 2"], Float[Array, "n"], Float[Array, "n"]]:
+) -> tuple[Float[Array, "n 2"], Float[Array, " n"], Float[Array, " n"]]:
     """The next footsteps: positions (n, 2) [m], yaws (n,) [rad] and whether each is still in the plan (n,).
 
     Beyond its end the plan repeats its last step of either foot; without a plan the feet keep their places.

@@ -22,8 +22,8 @@ class Readings(NamedTuple):
 
     gyro: Float[Array, "3"]
     accelerometer: Float[Array, "3"]
-    joint_positions: Float[Array, "joints"]
-    joint_velocities: Float[Array, "joints"]
+    joint_positions: Float[Array, " joints"]
+    joint_velocities: Float[Array, " joints"]
     image_position: Float[Array, "3"]
     image_yaw: Float[Array, ""]
     image_age: Float[Array, ""]

@@ -130,7 +130,7 @@ class SensorState(NamedTuple):
     key: Key[Array, ""]
     accelerometer_bias: Float[Array, "3"]
     gyro_bias: Float[Array, "3"]
-    encoder_offset: Float[Array, "joints"]
+    encoder_offset: Float[Array, " joints"]
     image_phase: Float[Array, ""]
     image_count: Int[Array, ""]
     poses: Float[Array, "4 4"]
@@ -138,7 +138,7 @@ class SensorState(NamedTuple):
     drift: Float[Array, "3"]
 
 
-def initial_sensors(noise: SensorNoise, key: Key[Array, ""], qpos: Float[Array, "positions"]) -> SensorState:
+def initial_sensors(noise: SensorNoise, key: Key[Array, ""], qpos: Float[Array, " positions"]) -> SensorState:
     """Sensors with random biases and a random camera phase; qpos gives the number of joints and the precision."""
     dtype, joints = qpos.dtype, qpos.shape[0] - 7
     key, key_force, key_gyro, key_offset, key_phase = jax.random.split(key, 5)
@@ -156,7 +156,7 @@ def initial_sensors(noise: SensorNoise, key: Key[Array, ""], qpos: Float[Array, 
 
 
 def specific_force(
-    qpos: Float[Array, "positions"], base_acceleration: Float[Array, "3"], gravity: float = 9.81
+    qpos: Float[Array, " positions"], base_acceleration: Float[Array, "3"], gravity: float = 9.81
 ) -> Float[Array, "3"]:
     """Specific force at the base origin in the base frame [m/s^2], from qpos and qacc[:3] (world axes)."""
     lifted = base_acceleration + jnp.asarray([0, 0, 1], qpos.dtype) * gravity
@@ -166,8 +166,8 @@ def specific_force(
 def simulate_sensors(
     noise: SensorNoise,
     sensors: SensorState,
-    qpos: Float[Array, "positions"],
-    qvel: Float[Array, "velocities"],
+    qpos: Float[Array, " positions"],
+    qvel: Float[Array, " velocities"],
     imu_acceleration: Float[Array, "3"],
 ) -> tuple[SensorState, Readings]:
     """Readings at the end of a control period.

@@ -42,15 +42,15 @@ class EstimatorState(NamedTuple):
     feet: Float[Array, "2 3"]
     covariance: Float[Array, "2 5 5"]
     contact_trust: Float[Array, "2"]
-    joint_positions: Float[Array, "joints"]
-    joint_velocities: Float[Array, "joints"]
+    joint_positions: Float[Array, " joints"]
+    joint_velocities: Float[Array, " joints"]
     memory: Float[Array, "ticks 4"]
     image_correction: Float[Array, "4"]
     health: Health
 
 
 def initial_estimate(
-    legs: LegKinematics, qpos: Float[Array, "positions"], qvel: Float[Array, "velocities"], memory_ticks: int = 64
+    legs: LegKinematics, qpos: Float[Array, " positions"], qvel: Float[Array, " velocities"], memory_ticks: int = 64
 ) -> EstimatorState:
     """The estimate of a robot whose state is known, within millimetres, at the start.
 
@@ -89,7 +89,7 @@ def initial_estimate(
     )
 
 
-def estimated_qpos_qvel(state: EstimatorState) -> tuple[Float[Array, "positions"], Float[Array, "velocities"]]:
+def estimated_qpos_qvel(state: EstimatorState) -> tuple[Float[Array, " positions"], Float[Array, " velocities"]]:
     """qpos and qvel in MuJoCo's conventions: linear velocity in the world frame, angular velocity in the base's."""
     qpos = jnp.concatenate([state.position, state.quaternion, state.joint_positions])
     return qpos, jnp.concatenate([state.velocity, state.angular_velocity, state.joint_velocities])

@@ -76,7 +76,7 @@ def _slopes(lengths: Float[Array, " n"], values: Float[Array, "n d"]) -> Float[A
     return _ratio(_neighbour_differences(values), _neighbour_differences(lengths)[:, None])
 
 
-def _neighbour_differences(values: Float[Array, "n *d"]) -> Float[Array, "n *d"]:
+def _neighbour_differences(values: Float[Array, " n *d"]) -> Float[Array, " n *d"]:
     """Next minus previous value along the first axis; at the ends, of the end and its only neighbour."""
     return jnp.concatenate([values[1:2] - values[:1], values[2:] - values[:-2], values[-1:] - values[-2:-1]])
 

@@ -31,14 +31,14 @@ class ActiveSet(NamedTuple):
         rounds: () rounds used.
     """
 
-    sides: Int[Array, "m"]
-    within: Float[Array, "m"]
+    sides: Int[Array, " m"]
+    within: Float[Array, " m"]
     rounds: Int[Array, ""]
 
 
 def bound_solver(
-    inverse: Float[Array, "m m"], sides: Int[Array, "m"]
-) -> Callable[[Float[Array, "m"]], Float[Array, "m"]]:
+    inverse: Float[Array, "m m"], sides: Int[Array, " m"]
+) -> Callable[[Float[Array, " m"]], Float[Array, " m"]]:
     """Function from the active bounds' violation w - bound to the multipliers that remove it.
 
     Factorises once; derivatives follow the linear system and hold the set.
@@ -54,7 +54,7 @@ def bound_solver(
     system = jnp.where(both, inverse, 0) + jnp.diag(diagonal)
     factor = cho_factor(jax.lax.stop_gradient(system))
 
-    def respond(violation: Float[Array, "m"]) -> Float[Array, "m"]:
+    def respond(violation: Float[Array, " m"]) -> Float[Array, " m"]:
         return jax.lax.custom_linear_solve(
             lambda y: system @ y,
             jnp.where(active, violation, 0),
@@ -68,9 +68,9 @@ def bound_solver(
 def find_active_set(
     relaxed: Callable[[Int[Array, ""]], Float[Array, "m m"]],
     inverse: Float[Array, "m m"],
-    free: Float[Array, "m"],
-    low: Float[Array, "m"],
-    high: Float[Array, "m"],
+    free: Float[Array, " m"],
+    low: Float[Array, " m"],
+    high: Float[Array, " m"],
 ) -> ActiveSet:
     """Search the active set of the optimum.
 
@@ -83,7 +83,7 @@ def find_active_set(
     slack = 100 * eps * jnp.maximum(jnp.max(jnp.abs(free)), jnp.max(jnp.abs(high)))
     scale = jnp.mean(jnp.diagonal(inverse))
 
-    def refine(sides: Int[Array, "m"]) -> tuple[Int[Array, "m"], Float[Array, ""]]:
+    def refine(sides: Int[Array, " m"]) -> tuple[Int[Array, " m"], Float[Array, ""]]:
         bound = jnp.where(sides > 0, high, low)
         y = bound_solver(inverse, sides)(free - bound)
         w = free - inverse @ y

@@ -25,11 +25,11 @@ class QpPoint(NamedTuple):
         block_violation: (blocks,) the largest of each named block, in its units.
     """
 
-    x: Float[Array, "n"]
-    y: Float[Array, "m"]
-    sides: Int[Array, "m"]
-    violation: Float[Array, "m"]
-    block_violation: Float[Array, "k"]
+    x: Float[Array, " n"]
+    y: Float[Array, " m"]
+    sides: Int[Array, " m"]
+    violation: Float[Array, " m"]
+    block_violation: Float[Array, " k"]
 
 
 def cold_start(problem: QuadraticProgram) -> QpPoint:

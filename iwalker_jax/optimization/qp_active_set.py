@@ -27,8 +27,8 @@ class ActiveSet(NamedTuple):
         pivots: () int, iterations of the longest search.
     """
 
-    sides: Float[Array, "m *b"]
-    y: Float[Array, "m *b"]
+    sides: Float[Array, " m *b"]
+    y: Float[Array, " m *b"]
     tableau: Float[Array, "m m *b"]
     solved: Bool[Array, "*b"]
     blocked: Bool[Array, "*b"]
@@ -51,7 +51,7 @@ class _Search(NamedTuple):
     pivots: Array
 
 
-def _first(mask: Bool[Array, "m *b"], index: Int[Array, "m *b"]) -> Int[Array, "*b"]:
+def _first(mask: Bool[Array, " m *b"], index: Int[Array, " m *b"]) -> Int[Array, "*b"]:
     return fold(jnp.minimum, jnp.where(mask, index, index.shape[0]))
 
 
@@ -114,11 +114,11 @@ def _start(
 
 def find_active_set(
     tableau: Float[Array, "m m *b"],
-    value: Float[Array, "m *b"],
-    sides: Float[Array, "m *b"],
-    low: Float[Array, "m *b"],
-    high: Float[Array, "m *b"],
-    wish: Float[Array, "m *b"] | None,
+    value: Float[Array, " m *b"],
+    sides: Float[Array, " m *b"],
+    low: Float[Array, " m *b"],
+    high: Float[Array, " m *b"],
+    wish: Float[Array, " m *b"] | None,
     slack: Float[Array, "*b"],
     loose: Float[Array, "*b"],
     least: Float[Array, "*b"],

@@ -21,8 +21,8 @@ STIFF = 1000.0  # penalty of an equality over that of an inequality
 class Splitting(NamedTuple):
     """State: z and y, (m, *b) each."""
 
-    z: Float[Array, "m *b"]
-    y: Float[Array, "m *b"]
+    z: Float[Array, " m *b"]
+    y: Float[Array, " m *b"]
 
 
 def invert(matrix: Float[Array, "m m *b"]) -> Float[Array, "m m *b"]:
@@ -45,9 +45,9 @@ def invert(matrix: Float[Array, "m m *b"]) -> Float[Array, "m m *b"]:
 
 def admm(
     gram: Float[Array, "m m *b"],
-    free: Float[Array, "m *b"],
-    low: Float[Array, "m *b"],
-    high: Float[Array, "m *b"],
+    free: Float[Array, " m *b"],
+    low: Float[Array, " m *b"],
+    high: Float[Array, " m *b"],
     start: Splitting,
     penalty: Float[Array, "*b"],
     relaxation: float,

@@ -38,9 +38,9 @@ class Answer(NamedTuple):
         pivots: () pivots of the longest search, all rounds together.
     """
 
-    x: Float[Array, "n *b"]
-    y: Float[Array, "m *b"]
-    sides: Int[Array, "m *b"]
+    x: Float[Array, " n *b"]
+    y: Float[Array, " m *b"]
+    sides: Int[Array, " m *b"]
     status: Int[Array, "*b"]
     residual: Float[Array, "*b"]
     regular: Bool[Array, "*b"]
@@ -134,12 +134,12 @@ def _judge(data: _Scaled, x: Array, y: Array) -> tuple[Array, Array, Array]:
 def solve_core(
     settings: QpSettings,
     P: Float[Array, "n n *b"],
-    q: Float[Array, "n *b"],
+    q: Float[Array, " n *b"],
     C: Float[Array, "m n *b"],
-    low: Float[Array, "m *b"],
-    high: Float[Array, "m *b"],
-    x: Float[Array, "n *b"],
-    y: Float[Array, "m *b"],
+    low: Float[Array, " m *b"],
+    high: Float[Array, " m *b"],
+    x: Float[Array, " n *b"],
+    y: Float[Array, " m *b"],
 ) -> Answer:
     """Solve a batch of finite programs with low <= high from the guess (x, y)."""
     dtype, batch, m = q.dtype, q.shape[1:], low.shape[0]

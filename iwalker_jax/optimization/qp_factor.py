@@ -31,19 +31,19 @@ class Factor(NamedTuple):
     """
 
     root: Float[Array, "n n *b"]
-    excess: Float[Array, "n *b"]
+    excess: Float[Array, " n *b"]
     rows: Float[Array, "n m *b"]
-    lengths: Float[Array, "m *b"]
+    lengths: Float[Array, " m *b"]
     gram: Float[Array, "m m *b"]
     pivot: Float[Array, "*b"]
 
 
-def apply(matrix: Float[Array, "r c *b"], vector: Float[Array, "c *b"]) -> Float[Array, "r *b"]:
+def apply(matrix: Float[Array, "r c *b"], vector: Float[Array, " c *b"]) -> Float[Array, " r *b"]:
     """Matrix times vector."""
     return matrix @ vector if vector.ndim == 1 else _sum_of_products(matrix, vector, 1, vector.shape[0] // 2)
 
 
-def apply_transposed(matrix: Float[Array, "r c *b"], vector: Float[Array, "r *b"]) -> Float[Array, "c *b"]:
+def apply_transposed(matrix: Float[Array, "r c *b"], vector: Float[Array, " r *b"]) -> Float[Array, " c *b"]:
     """Matrix' times vector."""
     return vector @ matrix if vector.ndim == 1 else _sum_of_products(matrix, vector, 0, vector.shape[0] // 2)
 
@@ -63,7 +63,7 @@ def _sum_of_products(matrix: Array, vector: Array, axis: int, pairs: int | Int[A
     return total + term(vector.shape[0] - 1) if vector.shape[0] % 2 else total
 
 
-def fold(operation: Callable[[Array, Array], Array], values: Float[Array, "m *b"]) -> Float[Array, "*b"]:
+def fold(operation: Callable[[Array, Array], Array], values: Float[Array, " m *b"]) -> Float[Array, "*b"]:
     """Reduce along the first axis by an idempotent operation (maximum, minimum), as a tree of elementwise ones."""
     while values.shape[0] > 1:
         half = (values.shape[0] + 1) // 2
@@ -71,7 +71,7 @@ def fold(operation: Callable[[Array, Array], Array], values: Float[Array, "m *b"
     return values[0]
 
 
-def largest(values: Float[Array, "m *b"]) -> Float[Array, "*b"]:
+def largest(values: Float[Array, " m *b"]) -> Float[Array, "*b"]:
     """Largest magnitude."""
     return fold(jnp.maximum, jnp.abs(values))
 
@@ -116,8 +116,8 @@ def _least(dtype: jnp.dtype) -> float:
 
 
 def _scale_row(
-    line: Float[Array, "c *b"], k: Array, n: int
-) -> tuple[Float[Array, "c *b"], Float[Array, "*b"], Float[Array, "*b"]]:
+    line: Float[Array, " c *b"], k: Array, n: int
+) -> tuple[Float[Array, " c *b"], Float[Array, "*b"], Float[Array, "*b"]]:
     """Row k of the factor from the row with its predecessors' shares taken off, its pivot, and what lifted that."""
     own = jax.lax.dynamic_index_in_dim(line, k, keepdims=False)
     lifted = jnp.where(own < _least(line.dtype), LIFTED, own)
@@ -126,7 +126,7 @@ def _scale_row(
     return line, own, jnp.where(at[:n] == k, lifted - own, 0)
 
 
-def _eliminate_all(stack: Float[Array, "n c"]) -> tuple[Float[Array, "n c"], Float[Array, "n"], Float[Array, ""]]:
+def _eliminate_all(stack: Float[Array, "n c"]) -> tuple[Float[Array, "n c"], Float[Array, " n"], Float[Array, ""]]:
     """Rows of the factor, what was added to the diagonal and the least pivot; each row leaves all others at once."""
     n = stack.shape[0]
     index = jnp.arange(n)
@@ -142,7 +142,7 @@ def _eliminate_all(stack: Float[Array, "n c"]) -> tuple[Float[Array, "n c"], Flo
 
 def _row_by_row(
     stack: Float[Array, "n c *b"],
-) -> tuple[Float[Array, "n c *b"], Float[Array, "n *b"], Float[Array, "*b"]]:
+) -> tuple[Float[Array, "n c *b"], Float[Array, " n *b"], Float[Array, "*b"]]:
     """The same, row after row from those before it."""
     n, batch, dtype = stack.shape[0], stack.shape[2:], stack.dtype
     take = jax.lax.dynamic_index_in_dim

@@ -56,8 +56,8 @@ def _solver(P: Array, C: Array, active: Array) -> Callable[[Array, Array], tuple
 
 @jax.custom_jvp
 def differentiable(
-    data: Data, x: Float[Array, "n"], y: Float[Array, "m"], sides: Int[Array, "m"], meaningful: Bool[Array, ""]
-) -> tuple[Float[Array, "n"], Float[Array, "m"]]:
+    data: Data, x: Float[Array, " n"], y: Float[Array, " m"], sides: Int[Array, " m"], meaningful: Bool[Array, ""]
+) -> tuple[Float[Array, " n"], Float[Array, " m"]]:
     """The solution (x, y) unchanged, with its derivatives by the implicit function theorem.
 
     Args:
@@ -91,7 +91,7 @@ def _differentiate(primals: tuple, tangents: tuple) -> tuple:
 
 def unrolled(
     data: Data, guess: tuple[Array, Array], settings: QpSettings
-) -> tuple[tuple[Float[Array, "n"], Float[Array, "m"]], Answer]:
+) -> tuple[tuple[Float[Array, " n"], Float[Array, " m"]], Answer]:
     """ADMM alone for a fixed number of iterations, differentiable through all of them; and how good it is."""
     P, q, C, low, high = data
     factor = factorise(P, C)

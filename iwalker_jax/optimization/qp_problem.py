@@ -30,10 +30,10 @@ class QuadraticProgram:
     """
 
     P: Float[Array, "n n"]
-    q: Float[Array, "n"]
+    q: Float[Array, " n"]
     C: Float[Array, "m n"]
-    low: Float[Array, "m"]
-    high: Float[Array, "m"]
+    low: Float[Array, " m"]
+    high: Float[Array, " m"]
     blocks: Blocks = ()
 
     def __str__(self) -> str:
@@ -115,10 +115,10 @@ def check_shapes(problem: QuadraticProgram) -> None:
 
 def quadratic_program(
     P: Float[Array, "n n"],
-    q: Float[Array, "n"],
+    q: Float[Array, " n"],
     C: Float[Array, "m n"] | None = None,
-    low: Float[Array, "m"] | None = None,
-    high: Float[Array, "m"] | None = None,
+    low: Float[Array, " m"] | None = None,
+    high: Float[Array, " m"] | None = None,
     blocks: Iterable[tuple[str, int]] = (),
 ) -> QuadraticProgram:
     """Make a program from concrete arrays and check all that can be checked; inside jit use the class itself.

@@ -37,7 +37,7 @@ def solve_bounded_step_mpc(
     footsteps: Float[Array, "n 2"],
     initial_state: Float[Array, "2 3"],
     stance: Float[Array, ""],
-    headings: Float[Array, "n"] | None = None,
+    headings: Float[Array, " n"] | None = None,
     reach: StepReach | None = None,
     parameters: HlipParameters | None = None,
     weights: StepMpcWeights | None = None,
@@ -91,7 +91,7 @@ def solve_bounded_step_mpc(
     respond_kkt = kkt_solver(cost, form.pole, horizon, gradient)
     probe = (none, jnp.eye(horizon, dtype=dtype), none)
 
-    def pushed(forces: Float[Array, "n 2"]) -> tuple[Kkt, Kkt, Float[Array, "m"]]:
+    def pushed(forces: Float[Array, "n 2"]) -> tuple[Kkt, Kkt, Float[Array, " m"]]:
         push = (rows[0], rows[1] - jnp.einsum("kij,ki->kj", axes, forces), rows[2])
         point = respond_kkt(push)
         return push, point, jnp.einsum("kij,kj->ki", axes, steps + point[1]).ravel()

@@ -72,7 +72,7 @@ def step_bounds(
     )
 
 
-def heading_axes(headings: Float[Array, "n"]) -> Float[Array, "n 2 2"]:
+def heading_axes(headings: Float[Array, " n"]) -> Float[Array, "n 2 2"]:
     """Rows are the sagittal and the lateral (left) axis of each heading [rad]."""
     cos, sin = jnp.cos(headings), jnp.sin(headings)
     return jnp.stack([jnp.stack([cos, sin], -1), jnp.stack([-sin, cos], -1)], axis=-2)

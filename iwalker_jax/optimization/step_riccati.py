@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-Kkt = tuple[Float[Array, "n 3 *b"], Float[Array, "n *b"], Float[Array, "n 3 *b"]]
+Kkt = tuple[Float[Array, "n 3 *b"], Float[Array, " n *b"], Float[Array, "n 3 *b"]]
 """States, inputs and costates, or the three rows of the system."""
 
 
@@ -52,7 +52,7 @@ class StepFactor(NamedTuple):
     gain: Float[Array, "n 3"]
     push: Float[Array, "n 3"]
     cost_to_go: Float[Array, "n 6"]
-    curvature: Float[Array, "n"]
+    curvature: Float[Array, " n"]
 
 
 def pack(point: Kkt) -> Float[Array, "n 7 *b"]:

@@ -190,7 +190,7 @@ def _relax_batch(
     cost: Float[Array, "maps rows columns"],
     resolution: float,
     max_rounds: int,
-) -> tuple[Float[Array, "maps rows columns"], Float[Array, "maps"], Int[Array, "maps"]]:
+) -> tuple[Float[Array, "maps rows columns"], Float[Array, " maps"], Int[Array, " maps"]]:
     """Rounds of sweeps until no value changes in any map.
 
     Works on (rows, columns, maps) with two infinite cells around: the maps are contiguous, so that sweeps along rows

@@ -144,7 +144,7 @@ def _try_shifts(
 
 
 def _try_columns(
-    best: Int[Array, "rows columns"], along_column: Int[Array, "rows columns"], useful: Bool[Array, "columns"]
+    best: Int[Array, "rows columns"], along_column: Int[Array, "rows columns"], useful: Bool[Array, " columns"]
 ) -> Int[Array, "rows columns"]:
     """Lower D by every useful column: one that holds cells of both classes."""
     rows, columns = best.shape
@@ -172,7 +172,7 @@ def _distance_to_other_class_above_or_below(occupied: Bool[Array, "rows columns"
     beside_border = jnp.concatenate([no_border, border]) | jnp.concatenate([border, no_border])
     seeds = jnp.where(beside_border, jnp.int16(1), none)
 
-    def line(previous: Int[Array, "columns"], here: Int[Array, "columns"]) -> tuple[Array, Array]:
+    def line(previous: Int[Array, " columns"], here: Int[Array, " columns"]) -> tuple[Array, Array]:
         nearest = jnp.minimum(previous + jnp.int16(1), here)
         return nearest, nearest
 

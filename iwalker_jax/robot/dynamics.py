@@ -199,7 +199,7 @@ def _poses(
     return _rows(positions, links) + _apply(rotation, carried.positions), _matmul(rotation, carried.rotations)
 
 
-def _by_velocity(links: Float[Array, "links *k"]) -> Float[Array, "nv *k"]:
+def _by_velocity(links: Float[Array, " links *k"]) -> Float[Array, " nv *k"]:
     """Values of links by velocity; the base's six share one."""
     return jnp.concatenate([jnp.broadcast_to(links[:1], (5, *links.shape[1:])), links])
 
@@ -225,7 +225,7 @@ def _apply(a: Float[Array, "n 3 3"], x: Float[Array, "n 3"]) -> Float[Array, "n 
     return a[:, :, 0] * x[:, 0, None] + a[:, :, 1] * x[:, 1, None] + a[:, :, 2] * x[:, 2, None]
 
 
-def _rows(array: Float[Array, "n *k"], chosen: list[int] | tuple[int, ...]) -> Float[Array, "m *k"]:
+def _rows(array: Float[Array, " n *k"], chosen: list[int] | tuple[int, ...]) -> Float[Array, " m *k"]:
     """Rows of an array; -1 is the last one. Neighbours are sliced, which costs nothing."""
     chosen = [index % array.shape[0] for index in chosen]
     first = chosen[0]

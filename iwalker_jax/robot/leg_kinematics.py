@@ -82,8 +82,8 @@ def load_leg_kinematics(model: mujoco.MjModel) -> LegKinematics:
 
 def foot_motion(
     legs: LegKinematics,
-    joint_positions: Float[Array, "joints"],
-    joint_velocities: Float[Array, "joints"],
+    joint_positions: Float[Array, " joints"],
+    joint_velocities: Float[Array, " joints"],
     point: FootPoint = "midfoot",
 ) -> FootMotion:
     """Position and velocity of a point of both feet in the base frame; derivatives of any order are finite.
@@ -105,7 +105,7 @@ def foot_motion(
 
 
 def foot_jacobian(
-    legs: LegKinematics, joint_positions: Float[Array, "joints"], point: FootPoint = "midfoot"
+    legs: LegKinematics, joint_positions: Float[Array, " joints"], point: FootPoint = "midfoot"
 ) -> Float[Array, "2 3 leg_joints"]:
     """Derivative of each foot point's position in the base frame by its own leg's joints [m/rad], hip first."""
     dtype = joint_positions.dtype
@@ -134,7 +134,7 @@ def _rotate(axis: Float[Array, "2 3"], angle: Float[Array, "2"], vector: Float[A
     return vector + sine * across + versine * jnp.cross(axis, across)
 
 
-def _per_leg(legs: LegKinematics, joints: Float[Array, "joints"]) -> Float[Array, "2 leg_joints"]:
+def _per_leg(legs: LegKinematics, joints: Float[Array, " joints"]) -> Float[Array, "2 leg_joints"]:
     """The legs' entries of an array over all joints."""
     count = legs.axes.shape[1]
     return jnp.stack([joints[start : start + count] for start in legs.starts])

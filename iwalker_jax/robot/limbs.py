@@ -42,7 +42,7 @@ class Limbs:
 class LimbVector(NamedTuple):
     """A vector by parts: base (6, *b) and limbs (limbs, width, *b), padded with zeros."""
 
-    base: Float[Array, "6 *b"]
+    base: Float[Array, " 6 *b"]
     limbs: Float[Array, "limbs width *b"]
 
 
@@ -56,13 +56,13 @@ class LimbMatrix(NamedTuple):
     limbs: Float[Array, "limbs width width *b"]
 
 
-def split_vector(limbs: Limbs, vector: Float[Array, "n *b"]) -> LimbVector:
+def split_vector(limbs: Limbs, vector: Float[Array, " n *b"]) -> LimbVector:
     """A vector by parts."""
     parts = [pad(vector[s : s + n], limbs.width - n, 1) for s, n in zip(limbs.starts, limbs.sizes, strict=True)]
     return LimbVector(vector[:BASE], jnp.stack(parts))
 
 
-def join_vector(limbs: Limbs, vector: LimbVector) -> Float[Array, "n *b"]:
+def join_vector(limbs: Limbs, vector: LimbVector) -> Float[Array, " n *b"]:
     """The vector of its parts."""
     return jnp.concatenate([vector.base] + [vector.limbs[k, :n] for k, n in enumerate(limbs.sizes)])
 
@@ -127,6 +127,6 @@ def _eliminate(work: Float[Array, "n m *b"], size: int) -> Float[Array, "n m *b"
     return jax.lax.fori_loop(0, size, step, work)
 
 
-def pad(array: Float[Array, "n *b"], missing: int, axes: int) -> Float[Array, "m *b"]:
+def pad(array: Float[Array, " n *b"], missing: int, axes: int) -> Float[Array, " m *b"]:
     """Zeros after the end of the first `axes` axes."""
     return jnp.pad(array, [(0, missing)] * axes + [(0, 0)] * (array.ndim - axes)) if missing else array

@@ -110,7 +110,7 @@ def terms_from_data(robot: RobotModel, data: SmoothStages) -> RigidBodyTerms:
     )
 
 
-def _by_point(feet: Float[Array, "2 *k"]) -> Float[Array, "6 *k"]:
+def _by_point(feet: Float[Array, " 2 *k"]) -> Float[Array, " 6 *k"]:
     """Values of the feet by point: toe and heel of the right and the left foot, then both middles."""
     right, left = feet
     return jnp.stack([right, right, left, left, right, left])
