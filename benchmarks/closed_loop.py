@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from iwalker_jax.runtime import configure_runtime, requested_devices
+from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
 configure_runtime(requested_devices(sys.argv))
 
@@ -22,21 +22,19 @@ import numpy as np  # noqa: E402
 from flax import nnx  # noqa: E402
 
 from benchmarks.timing import timed  # noqa: E402
-from experiments.planner import planner_of  # noqa: E402
+from experiments.shared.planners import planner_of  # noqa: E402
 from iwalker_jax.control.controller import control_step  # noqa: E402
-from iwalker_jax.devices import machine  # noqa: E402
+from iwalker_jax.navigation.body_volume import body_clearance_at  # noqa: E402
 from iwalker_jax.navigation.camera import camera_in_world  # noqa: E402
 from iwalker_jax.navigation.closed_loop import LoopState, Navigator, run_episode, start_episode  # noqa: E402
 from iwalker_jax.navigation.depth_camera import take_depth  # noqa: E402
 from iwalker_jax.navigation.episodes import EpisodeProgram, place_at  # noqa: E402
 from iwalker_jax.navigation.faults import make_faults  # noqa: E402
-from iwalker_jax.navigation.generated_tasks import generated_tasks  # noqa: E402
 from iwalker_jax.navigation.guide import Guidance, Sight, guide, network_path, route_costs  # noqa: E402
 from iwalker_jax.navigation.map_memory import remember, remembered, window_origin  # noqa: E402
 from iwalker_jax.navigation.navigators import make_navigator  # noqa: E402
 from iwalker_jax.navigation.path_band import safe_path  # noqa: E402
 from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
-from iwalker_jax.navigation.task import Task, TaskArrays, stack_tasks  # noqa: E402
 from iwalker_jax.perception.collision_map import DEFAULT_RULES  # noqa: E402
 from iwalker_jax.perception.depth_cleanup import clean_depth  # noqa: E402
 from iwalker_jax.perception.distance_field import signed_distance_field  # noqa: E402
@@ -47,11 +45,13 @@ from iwalker_jax.perception.traversal import halved, pool_2x2, softened  # noqa:
 from iwalker_jax.planning.ipath import IPathConfig  # noqa: E402
 from iwalker_jax.planning.planner import Planner, PlannerConfig  # noqa: E402
 from iwalker_jax.robot.rigid_body import rigid_body_terms  # noqa: E402
-from iwalker_jax.simulation.body_volume import body_clearance_at  # noqa: E402
-from iwalker_jax.simulation.depth_noise import DepthNoise  # noqa: E402
-from iwalker_jax.simulation.ray_casting import render_depth  # noqa: E402
-from iwalker_jax.simulation.walk_setup import Disturbances, sample_conditions  # noqa: E402
-from iwalker_jax.simulation.walking import Conditions, decide, walk_tick  # noqa: E402
+from iwalker_jax.runtime.devices import machine  # noqa: E402
+from iwalker_jax.scenes.depth_noise import DepthNoise  # noqa: E402
+from iwalker_jax.scenes.ray_casting import render_depth  # noqa: E402
+from iwalker_jax.tasks.generated import generated_tasks  # noqa: E402
+from iwalker_jax.tasks.task import Task, TaskArrays, stack_tasks  # noqa: E402
+from iwalker_jax.walking.rollout import Conditions, decide, walk_tick  # noqa: E402
+from iwalker_jax.walking.setup import Disturbances, sample_conditions  # noqa: E402
 
 REPEATS = 9
 TICKS = 33

@@ -5,7 +5,7 @@ Run with `python -m benchmarks.cost_to_go`. Dijkstra gets its graph ready-made; 
 
 from functools import partial
 
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 configure_runtime()
 
@@ -18,10 +18,10 @@ from scipy.sparse import csr_matrix  # noqa: E402
 from scipy.sparse.csgraph import dijkstra  # noqa: E402
 
 from benchmarks.timing import compiled, in_turns  # noqa: E402
-from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.optimization.solution import Solution  # noqa: E402
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go  # noqa: E402
 from iwalker_jax.perception.grid import GridSpec  # noqa: E402
+from iwalker_jax.runtime.devices import machine  # noqa: E402
 
 SIZES = (80, 160)
 BATCH = 64

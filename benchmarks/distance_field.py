@@ -5,7 +5,7 @@ Run with `python -m benchmarks.distance_field`. Both peers do the same two-sided
 
 from functools import partial
 
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 configure_runtime()
 
@@ -17,8 +17,8 @@ import scipy  # noqa: E402
 from scipy.ndimage import distance_transform_edt  # noqa: E402
 
 from benchmarks.timing import compiled, in_turns  # noqa: E402
-from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.perception.distance_field import signed_distance_field  # noqa: E402
+from iwalker_jax.runtime.devices import machine  # noqa: E402
 
 SIZES = (100, 160, 200, 400, 512)
 BATCH = 16

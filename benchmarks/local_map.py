@@ -7,7 +7,7 @@ without noise: recall is the share of occupied cells found again within one cell
 
 from collections.abc import Callable
 
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 configure_runtime()
 
@@ -17,7 +17,6 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 
 from benchmarks.timing import timed  # noqa: E402
-from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject  # noqa: E402
 from iwalker_jax.perception.collision_map import (  # noqa: E402
     DEFAULT_RULES,
@@ -29,10 +28,11 @@ from iwalker_jax.perception.distance_field import signed_distance_field  # noqa:
 from iwalker_jax.perception.floor import fit_floor  # noqa: E402
 from iwalker_jax.perception.grid import DEFAULT_GRID  # noqa: E402
 from iwalker_jax.perception.local_map import build_local_map, free_and_occupied  # noqa: E402
-from iwalker_jax.simulation.depth_noise import DepthNoise, add_depth_noise  # noqa: E402
-from iwalker_jax.simulation.families import FAMILIES, generate_scene  # noqa: E402
-from iwalker_jax.simulation.ray_casting import render_depth, world_camera_pose  # noqa: E402
-from iwalker_jax.simulation.scene import SceneArrays, obstacle_distance  # noqa: E402
+from iwalker_jax.runtime.devices import machine  # noqa: E402
+from iwalker_jax.scenes.built.families import FAMILIES, generate_scene  # noqa: E402
+from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise  # noqa: E402
+from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose  # noqa: E402
+from iwalker_jax.scenes.scene import SceneArrays, obstacle_distance  # noqa: E402
 
 INTRINSICS = Intrinsics()
 BATCH = 16

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
 
-from iwalker_jax.runtime import configure_runtime, requested_devices
+from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
 configure_runtime(requested_devices(sys.argv))
 
@@ -26,7 +26,6 @@ from jax.sharding import Mesh, PartitionSpec  # noqa: E402
 from benchmarks.timing import compiled, timed  # noqa: E402
 from benchmarks.ugly_qps import ugly_qps  # noqa: E402
 from benchmarks.whole_body_qps import whole_body_qps  # noqa: E402
-from iwalker_jax.devices import machine  # noqa: E402
 from iwalker_jax.optimization import (  # noqa: E402
     QpPoint,
     QpSettings,
@@ -38,6 +37,7 @@ from iwalker_jax.optimization import (  # noqa: E402
     load_program,
     solve_qp,
 )
+from iwalker_jax.runtime.devices import machine  # noqa: E402
 
 Arrays = tuple[np.ndarray, ...]
 REPEATS = 7

@@ -6,7 +6,7 @@ Run: python -m benchmarks.step_mpc [--horizon 20] [--batch 16]
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 configure_runtime()
 
@@ -21,13 +21,13 @@ from scipy import sparse  # noqa: E402
 
 from benchmarks.step_qp import StepQp, build_step_qp, irregular_walk  # noqa: E402
 from benchmarks.timing import timed  # noqa: E402
-from iwalker_jax.devices import machine  # noqa: E402
-from iwalker_jax.optimization.hlip import HlipParameters  # noqa: E402
 from iwalker_jax.optimization.solution import Status  # noqa: E402
-from iwalker_jax.optimization.step_mpc import solve_step_mpc  # noqa: E402
-from iwalker_jax.optimization.step_mpc_bounded import solve_bounded_step_mpc  # noqa: E402
-from iwalker_jax.optimization.step_problem import StepMpcWeights  # noqa: E402
-from iwalker_jax.optimization.step_reach import StepReach, step_bounds  # noqa: E402
+from iwalker_jax.optimization.steps.hlip import HlipParameters  # noqa: E402
+from iwalker_jax.optimization.steps.mpc import solve_step_mpc  # noqa: E402
+from iwalker_jax.optimization.steps.mpc_bounded import solve_bounded_step_mpc  # noqa: E402
+from iwalker_jax.optimization.steps.problem import StepMpcWeights  # noqa: E402
+from iwalker_jax.optimization.steps.reach import StepReach, step_bounds  # noqa: E402
+from iwalker_jax.runtime.devices import machine  # noqa: E402
 
 Plan = Callable[[Array, Array, Array], tuple[Array, Array]]
 

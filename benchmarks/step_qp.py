@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from iwalker_jax.optimization.hlip import HlipParameters
-from iwalker_jax.optimization.step_problem import StepMpcWeights
+from iwalker_jax.optimization.steps.hlip import HlipParameters
+from iwalker_jax.optimization.steps.problem import StepMpcWeights
 
 
 class StepQp(NamedTuple):

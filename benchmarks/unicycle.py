@@ -9,7 +9,7 @@ import argparse
 import statistics
 from typing import Any
 
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 configure_runtime()
 
@@ -21,9 +21,9 @@ import osqp  # noqa: E402
 from scipy import sparse  # noqa: E402
 
 from benchmarks.timing import once, timed  # noqa: E402
-from iwalker_jax.devices import machine  # noqa: E402
-from iwalker_jax.optimization.unicycle import UnicycleParameters, initial_state_from_reference  # noqa: E402
-from iwalker_jax.optimization.unicycle_mpc import solve_unicycle  # noqa: E402
+from iwalker_jax.optimization.unicycle.model import UnicycleParameters, initial_state_from_reference  # noqa: E402
+from iwalker_jax.optimization.unicycle.mpc import solve_unicycle  # noqa: E402
+from iwalker_jax.runtime.devices import machine  # noqa: E402
 
 POINTS = 100
 LINEARISATIONS = 100

@@ -5,7 +5,7 @@ A foot lands in a tick; where a step of the differences would move that to anoth
 python -m benchmarks.walking_gradients
 """
 
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
@@ -20,11 +20,11 @@ from benchmarks.timing import once
 from bruce_model import load_mujoco
 from iwalker_jax.control.controller import make_controller
 from iwalker_jax.control.footstep_plan import FootstepPlan, make_plan, velocity_footsteps
-from iwalker_jax.devices import machine
-from iwalker_jax.optimization.qp_settings import QpSettings
+from iwalker_jax.optimization.qp.settings import QpSettings
 from iwalker_jax.robot.leg_kinematics import load_leg_kinematics
 from iwalker_jax.robot.model import load_robot
-from iwalker_jax.simulation.walking import Conditions, Walker, WalkState, start_walk, walk_tick
+from iwalker_jax.runtime.devices import machine
+from iwalker_jax.walking.rollout import Conditions, Walker, WalkState, start_walk, walk_tick
 
 _INTO_THE_WALK = 700  # ticks: 1.4 s, in the middle of the second step
 _STEPS = (1e-6, 1e-7, 1e-8)  # of the differences, longest first

@@ -3,7 +3,7 @@
 python -m benchmarks.walking_qps --out runs/walking_qps.npz
 """
 
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 
 from iwalker_jax.control.footstep_plan import make_plan, velocity_footsteps
-from iwalker_jax.optimization.qp_problem import QuadraticProgram
-from iwalker_jax.simulation.walk_setup import Disturbances, default_walker, sample_conditions
-from iwalker_jax.simulation.walking import Conditions, WalkState, decide, start_walk, walk_tick
+from iwalker_jax.optimization.qp.problem import QuadraticProgram
+from iwalker_jax.walking.rollout import Conditions, WalkState, decide, start_walk, walk_tick
+from iwalker_jax.walking.setup import Disturbances, default_walker, sample_conditions
 
 _ROBOTS = 16
 _BEFORE, _LOGGED = 2000, 640  # ticks: the pushes fall into the logged part

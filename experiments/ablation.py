@@ -1,6 +1,6 @@
 """Ablation of gradients, terms and maps, one change at a time: python -m experiments.ablation [--seeds 3]."""
 
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
@@ -9,7 +9,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from experiments.study import StudyCommand, Variant, study_main
+from experiments.shared.training_study import StudyCommand, Variant, study_main
 from iwalker_jax.training.config import TrainConfig
 
 

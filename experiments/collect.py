@@ -2,7 +2,7 @@
 
 import sys
 
-from iwalker_jax.runtime import configure_runtime, requested_devices
+from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
 if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
@@ -17,16 +17,16 @@ from pathlib import Path
 
 import tyro
 
-from experiments.console import exit_with, progress_bar, require_at_least, say, stopped
-from experiments.planner import planner_of
+from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
+from experiments.shared.planners import planner_of
+from iwalker_jax.data.frames import FrameSet, load_frames, save_frames
+from iwalker_jax.data.sources import joined
+from iwalker_jax.data.walked import frames_from_episodes
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.navigation.episodes import EpisodeProgram
-from iwalker_jax.navigation.generated_tasks import training_task
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
-from iwalker_jax.navigation.task import Outcome
-from iwalker_jax.training.datasets import joined
-from iwalker_jax.training.frames import FrameSet, load_frames, save_frames
-from iwalker_jax.training.walk_frames import frames_from_episodes
+from iwalker_jax.tasks.generated import training_task
+from iwalker_jax.tasks.task import Outcome
 
 
 @dataclass(frozen=True)

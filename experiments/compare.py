@@ -1,6 +1,6 @@
 """Tables I to III: the planner and its baselines on the same frames and seeds: python -m experiments.compare."""
 
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
@@ -8,9 +8,9 @@ if __name__ == "__main__":
 import dataclasses
 from pathlib import Path
 
-from experiments.console import say
-from experiments.study import StudyCommand, Variant, study_main
-from iwalker_jax.evaluation.paper_tables import paper_text, save_paper_tables
+from experiments.shared.console import say
+from experiments.shared.training_study import StudyCommand, Variant, study_main
+from iwalker_jax.evaluation.frames.paper_tables import paper_text, save_paper_tables
 from iwalker_jax.evaluation.tables import Table
 from iwalker_jax.training.config import TrainConfig
 

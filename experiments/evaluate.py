@@ -2,8 +2,8 @@
 
 import sys
 
-from iwalker_jax.runtime import configure_runtime, requested_devices
-from iwalker_jax.simulation.headless import configure_rendering
+from iwalker_jax.film.headless import configure_rendering
+from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
 if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
@@ -16,25 +16,34 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.console import Advance, come_together, console, exit_with, progress_bar, require_at_least, say, stopped
-from experiments.planner import planner_of
-from iwalker_jax.devices import machine
+from experiments.shared.console import (
+    Advance,
+    come_together,
+    console,
+    exit_with,
+    progress_bar,
+    require_at_least,
+    say,
+    stopped,
+)
+from experiments.shared.planners import planner_of
+from iwalker_jax.data.recorded import frames_from_recording
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.evaluation.navigation_film import FilmSettings
-from iwalker_jax.evaluation.navigation_report import Report, write_report
-from iwalker_jax.evaluation.navigation_study import MakeProgram, Program, Progress, Study, run_study
-from iwalker_jax.evaluation.navigation_tables import COLUMNS, navigation_table
-from iwalker_jax.evaluation.navigation_walks import OF, StudySettings, policy_and_networks
-from iwalker_jax.evaluation.report import evaluate_all, standard_sequences
-from iwalker_jax.evaluation.sequences import Sequence
+from iwalker_jax.evaluation.episodes.film import FilmSettings
+from iwalker_jax.evaluation.episodes.report import Report, write_report
+from iwalker_jax.evaluation.episodes.study import MakeProgram, Program, Progress, Study, run_study
+from iwalker_jax.evaluation.episodes.tables import COLUMNS, navigation_table
+from iwalker_jax.evaluation.episodes.walks import OF, StudySettings, policy_and_networks
+from iwalker_jax.evaluation.frames.report import evaluate_all, standard_sequences
+from iwalker_jax.evaluation.frames.sequences import Sequence
 from iwalker_jax.evaluation.tables import Table, legend
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.planning.planner import Planner
-from iwalker_jax.processes import ProcessGroup, is_first, leave, part
-from iwalker_jax.simulation.test_scenes import TEST_NAMES
+from iwalker_jax.runtime.devices import machine
+from iwalker_jax.runtime.processes import ProcessGroup, is_first, leave, part
+from iwalker_jax.scenes.built.sequences import TEST_NAMES
 from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.recording_frames import frames_from_recording
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import sys
 
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
@@ -18,19 +18,19 @@ import numpy as np
 import tyro
 from flax import nnx
 
-from experiments.console import exit_with, progress_bar, require_at_least, say, stopped
+from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.train import prepare_data
 from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.evaluation.episodes.metrics import episode_metrics, landing_errors, row_of, shortest_route
+from iwalker_jax.evaluation.episodes.tables import COLUMNS as WALK_COLUMNS
+from iwalker_jax.evaluation.episodes.tables import episode_values
 from iwalker_jax.evaluation.intervals import mean_interval
-from iwalker_jax.evaluation.navigation_metrics import episode_metrics, landing_errors, row_of, shortest_route
-from iwalker_jax.evaluation.navigation_tables import COLUMNS as WALK_COLUMNS
-from iwalker_jax.evaluation.navigation_tables import episode_values
 from iwalker_jax.evaluation.tables import Column, Table, aligned_text, legend
 from iwalker_jax.navigation.episodes import EpisodeProgram
-from iwalker_jax.navigation.generated_tasks import generated_tasks
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
-from iwalker_jax.navigation.task import Task
 from iwalker_jax.planning.planner import Planner
+from iwalker_jax.tasks.generated import generated_tasks
+from iwalker_jax.tasks.task import Task
 from iwalker_jax.training.batches import Batch, gather_batch
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.loop import train

@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -134,10 +134,10 @@ def _simulated_views(config: Config) -> tuple[np.ndarray, np.ndarray]:
     import jax.numpy as jnp
 
     from iwalker_jax.perception.camera import CameraMount, Intrinsics
-    from iwalker_jax.simulation.depth_noise import DepthNoise, add_depth_noise
-    from iwalker_jax.simulation.families import generate_scene
-    from iwalker_jax.simulation.ray_casting import render_depth, world_camera_pose
-    from iwalker_jax.simulation.scene import obstacle_distance
+    from iwalker_jax.scenes.built.families import generate_scene
+    from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
+    from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
+    from iwalker_jax.scenes.scene import obstacle_distance
 
     intrinsics, noise = Intrinsics(320, 180, 160.0, 160.0, 159.5, 89.5), DepthNoise()
     mount = CameraMount(pitch=0.3, roll=0.1).as_array()

@@ -2,7 +2,7 @@
 
 import sys
 
-from iwalker_jax.runtime import configure_runtime, requested_devices
+from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
 if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from experiments.console import (
+from experiments.shared.console import (
     come_together,
     config_file,
     console,
@@ -27,15 +27,15 @@ from experiments.console import (
     say,
     stopped,
 )
+from iwalker_jax.data.sources import load_training_frames
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.evaluation.report import evaluate_all, standard_sequences
-from iwalker_jax.evaluation.sequences import Sequence
+from iwalker_jax.evaluation.frames.report import evaluate_all, standard_sequences
+from iwalker_jax.evaluation.frames.sequences import Sequence
 from iwalker_jax.evaluation.tables import legend
 from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.processes import ProcessGroup, is_first, leave, part
+from iwalker_jax.runtime.processes import ProcessGroup, is_first, leave, part
 from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.config import PRESETS, TrainConfig, config_to_dict
-from iwalker_jax.training.datasets import load_training_frames
 from iwalker_jax.training.loop import Progress, TrainResult, batch_mesh, train
 from iwalker_jax.training.maps import TrainingData, prepare
 from iwalker_jax.training.pretrained import save_planner

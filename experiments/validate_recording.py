@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime import configure_runtime
+from iwalker_jax.runtime.settings import configure_runtime
 
 if TYPE_CHECKING:
-    from iwalker_jax.training.recordings import RecordingReport
+    from iwalker_jax.data.recordings import RecordingReport
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Config:
 def main(config: Config) -> int:
     """Print the report; 0 if at least one frame is usable, else 1."""
     configure_runtime()
+    from iwalker_jax.data.recordings import validate_recording
     from iwalker_jax.perception.camera import Intrinsics
-    from iwalker_jax.training.recordings import validate_recording
 
     try:
         intrinsics = None if config.intrinsics is None else Intrinsics(*config.intrinsics)

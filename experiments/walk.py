@@ -2,8 +2,8 @@
 
 import sys
 
-from iwalker_jax.runtime import configure_runtime, requested_devices
-from iwalker_jax.simulation.headless import configure_rendering, has_screen
+from iwalker_jax.film.headless import configure_rendering, has_screen
+from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
 if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
@@ -20,18 +20,18 @@ import mujoco
 import numpy as np
 import tyro
 
-from experiments.console import console, exit_with, progress_bar, say, stopped
-from experiments.walk_output import film, print_figures, push_forces, save_figures, save_pictures
-from experiments.walk_scene import PRETRAINED, SceneWalk, walk_in_scene
+from experiments.shared.console import console, exit_with, progress_bar, say, stopped
+from experiments.shared.scene_walk import PRETRAINED, SceneWalk, walk_in_scene
+from experiments.shared.walk_output import film, print_figures, push_forces, save_figures, save_pictures
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.evaluation.walk_metrics import robot_rows, walk_metrics, walk_record
-from iwalker_jax.simulation.mujoco_walking import roll_out_mujoco
-from iwalker_jax.simulation.walk_batch import BatchResult, WalkProgram
-from iwalker_jax.simulation.walk_dump import save_dump
-from iwalker_jax.simulation.walk_motions import Motion, MotionKind, Walk, make_walk
-from iwalker_jax.simulation.walk_setup import Disturbances, Sensors, default_walker, sample_conditions
-from iwalker_jax.simulation.walking import Conditions, Walker
+from iwalker_jax.evaluation.walks.metrics import robot_rows, walk_metrics, walk_record
+from iwalker_jax.walking.batch import BatchResult, WalkProgram
+from iwalker_jax.walking.commands import Motion, MotionKind, Walk, make_walk
+from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
+from iwalker_jax.walking.replay import save_dump
+from iwalker_jax.walking.rollout import Conditions, Walker
+from iwalker_jax.walking.setup import Disturbances, Sensors, default_walker, sample_conditions
 
 _GRID = 16  # robots shown in the grid of traces
 

@@ -2,7 +2,7 @@
 
 import sys
 
-from iwalker_jax.runtime import configure_runtime, requested_devices
+from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
 if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
@@ -17,15 +17,15 @@ import mujoco
 import numpy as np
 import tyro
 
-from experiments.console import exit_with, require_at_least, say, stopped
+from experiments.shared.console import exit_with, require_at_least, say, stopped
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.walk_metrics import robot_rows, walk_metrics
-from iwalker_jax.evaluation.walk_tables import Labels, WalkTable, legend, load_table, summarise
-from iwalker_jax.simulation.mujoco_walking import roll_out_mujoco
-from iwalker_jax.simulation.walk_batch import WalkProgram
-from iwalker_jax.simulation.walk_motions import Motion, Walk, make_walk
-from iwalker_jax.simulation.walk_setup import Disturbances, Sensors, default_walker, sample_conditions
-from iwalker_jax.simulation.walking import Conditions, Sample, Walker
+from iwalker_jax.evaluation.walks.metrics import robot_rows, walk_metrics
+from iwalker_jax.evaluation.walks.tables import Labels, WalkTable, legend, load_table, summarise
+from iwalker_jax.walking.batch import WalkProgram
+from iwalker_jax.walking.commands import Motion, Walk, make_walk
+from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
+from iwalker_jax.walking.rollout import Conditions, Sample, Walker
+from iwalker_jax.walking.setup import Disturbances, Sensors, default_walker, sample_conditions
 
 _EVERY = 10  # ticks between two records
 _ROWS = 320  # of all plans: 3 m at 0.05 m/s take 260 footsteps

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from iwalker_jax.runtime import configure_runtime
-from iwalker_jax.simulation.headless import configure_rendering
+from iwalker_jax.film.headless import configure_rendering
+from iwalker_jax.runtime.settings import configure_runtime
 
 configure_runtime(host_devices=2)
 configure_rendering()
@@ -13,7 +13,7 @@ configure_rendering()
 import jax  # noqa: E402
 
 from bruce_model import load_mujoco  # noqa: E402
-from iwalker_jax.simulation.body_volume import load_body_volume  # noqa: E402
+from iwalker_jax.navigation.body_volume import load_body_volume  # noqa: E402
 
 jax.config.update("jax_numpy_dtype_promotion", "standard")
 

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.hlip import HlipParameters, require_range
-from iwalker_jax.optimization.step_problem import StepMpcWeights
-from iwalker_jax.optimization.step_reach import StepReach
+from iwalker_jax.optimization.steps.hlip import HlipParameters, require_range
+from iwalker_jax.optimization.steps.problem import StepMpcWeights
+from iwalker_jax.optimization.steps.reach import StepReach
 
 
 @dataclass(frozen=True)

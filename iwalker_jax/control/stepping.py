@@ -15,8 +15,8 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.geometry.planar import turn
-from iwalker_jax.optimization.hlip import step_matrices
-from iwalker_jax.optimization.step_mpc import solve_step_mpc
+from iwalker_jax.optimization.steps.hlip import step_matrices
+from iwalker_jax.optimization.steps.mpc import solve_step_mpc
 
 _SHARES = 9  # candidate durations of the rest of a step
 

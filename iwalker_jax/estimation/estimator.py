@@ -16,11 +16,12 @@ error of its own.
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from iwalker_jax.estimation import attitude, axis_filter
+from iwalker_jax.estimation import axis_filter
 from iwalker_jax.estimation.axis_filter import BIAS, POSITION, VELOCITY, Belief
 from iwalker_jax.estimation.parameters import EstimatorParameters
 from iwalker_jax.estimation.readings import Readings, believable
 from iwalker_jax.estimation.state import EstimatorState
+from iwalker_jax.geometry import rotations as attitude
 from iwalker_jax.robot.leg_kinematics import LegKinematics, foot_motion
 
 _FEET = (axis_filter.RIGHT_FOOT, axis_filter.LEFT_FOOT)

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.estimation.attitude import rotation_matrix, yaw_of
 from iwalker_jax.estimation.readings import Readings
 from iwalker_jax.geometry.planar import turn
+from iwalker_jax.geometry.rotations import rotation_matrix, yaw_of
 
 _IN_FLIGHT = 4  # images under way at a time
 

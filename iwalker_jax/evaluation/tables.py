@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from iwalker_jax.evaluation.frames.sequences import SequenceResult
 from iwalker_jax.evaluation.intervals import wilson_interval
-from iwalker_jax.evaluation.sequences import SequenceResult
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait import STAND, WALK
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import estimated_qpos_qvel
+from iwalker_jax.navigation.body_volume import BodyVolume, body_clearance_at
 from iwalker_jax.navigation.camera import RobotCamera, base_pose, camera_in_world, measured_mount
 from iwalker_jax.navigation.camera_health import CameraHealth, HealthRules, check_camera, healthy_camera
 from iwalker_jax.navigation.depth_camera import DepthCameraState, start_depth_camera, take_depth
@@ -27,13 +28,12 @@ from iwalker_jax.navigation.faults import Faults, obstacles_at, within
 from iwalker_jax.navigation.guide import Guidance, GuideRules, Sight, guide
 from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, remembered
 from iwalker_jax.navigation.step_planning import PursuitRules, Stance, plan_steps, stop_steps
-from iwalker_jax.navigation.task import EpisodeRecord, Outcome, TaskArrays
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.robot.rigid_body import rigid_body_terms
-from iwalker_jax.simulation.body_volume import BodyVolume, body_clearance_at
-from iwalker_jax.simulation.depth_noise import DepthNoise
-from iwalker_jax.simulation.walking import Conditions, Sample, Walker, WalkState, start_walk, walk_tick
+from iwalker_jax.scenes.depth_noise import DepthNoise
+from iwalker_jax.tasks.task import EpisodeRecord, Outcome, TaskArrays
+from iwalker_jax.walking.rollout import Conditions, Sample, Walker, WalkState, start_walk, walk_tick
 
 
 @dataclass(frozen=True)

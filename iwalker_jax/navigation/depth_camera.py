@@ -9,9 +9,9 @@ from jaxtyping import Array, Float, Key
 
 from iwalker_jax.navigation.camera import RobotCamera, camera_in_world
 from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.simulation.depth_noise import DepthNoise, add_depth_noise
-from iwalker_jax.simulation.ray_casting import render_depth
-from iwalker_jax.simulation.scene import SceneArrays
+from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
+from iwalker_jax.scenes.ray_casting import render_depth
+from iwalker_jax.scenes.scene import SceneArrays
 
 
 class DepthCameraState(NamedTuple):

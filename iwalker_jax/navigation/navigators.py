@@ -6,14 +6,14 @@ from flax import nnx
 
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import InputError
+from iwalker_jax.navigation.body_volume import load_body_volume
 from iwalker_jax.navigation.camera import load_camera
 from iwalker_jax.navigation.closed_loop import LoopRules, Navigator
 from iwalker_jax.navigation.guide import GuideRules
 from iwalker_jax.navigation.step_planning import PursuitRules
 from iwalker_jax.planning.planner import Planner
-from iwalker_jax.simulation.body_volume import load_body_volume
-from iwalker_jax.simulation.depth_noise import DepthNoise
-from iwalker_jax.simulation.walk_setup import Sensors, default_walker
+from iwalker_jax.scenes.depth_noise import DepthNoise
+from iwalker_jax.walking.setup import Sensors, default_walker
 
 
 class Policy(NamedTuple):

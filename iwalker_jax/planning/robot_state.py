@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.hlip import HlipParameters
+from iwalker_jax.optimization.steps.hlip import HlipParameters
 
 
 @dataclass(frozen=True)

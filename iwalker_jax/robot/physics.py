@@ -11,8 +11,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from iwalker_jax.robot.constraints import contact_problem, find_contacts, pyramid_edges
-from iwalker_jax.robot.contact_solver import ContactSolver, row_forces, solve_contact
+from iwalker_jax.robot.contact.constraints import contact_problem, find_contacts, pyramid_edges
+from iwalker_jax.robot.contact.solver import ContactSolver, row_forces, solve_contact
 from iwalker_jax.robot.dynamics import SmoothStages, point_velocity, smooth_stages
 from iwalker_jax.robot.engine import mjx
 from iwalker_jax.robot.limbs import solve_symmetric

@@ -9,10 +9,10 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
-from iwalker_jax.devices import chosen_devices
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.planning.planner import Planner
-from iwalker_jax.processes import is_first, place, shared
+from iwalker_jax.runtime.devices import chosen_devices
+from iwalker_jax.runtime.processes import is_first, place, shared
 from iwalker_jax.training.batches import frame_order
 from iwalker_jax.training.checkpoints import CheckpointStore
 from iwalker_jax.training.config import TrainConfig

@@ -9,12 +9,12 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.splines import resample_by_arc_length, safe_norm
-from iwalker_jax.optimization.hlip import HlipParameters
 from iwalker_jax.optimization.solution import GradientMode
-from iwalker_jax.optimization.step_mpc import solve_step_mpc
-from iwalker_jax.optimization.step_problem import StepMpcWeights
-from iwalker_jax.optimization.unicycle import UnicycleParameters, initial_state_from_reference
-from iwalker_jax.optimization.unicycle_mpc import solve_unicycle
+from iwalker_jax.optimization.steps.hlip import HlipParameters
+from iwalker_jax.optimization.steps.mpc import solve_step_mpc
+from iwalker_jax.optimization.steps.problem import StepMpcWeights
+from iwalker_jax.optimization.unicycle.model import UnicycleParameters, initial_state_from_reference
+from iwalker_jax.optimization.unicycle.mpc import solve_unicycle
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
 from iwalker_jax.perception.seen_route import ROUTE_GRID

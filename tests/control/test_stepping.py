@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.control.stepping import choose_step, flow, stepping_gains
-from iwalker_jax.optimization.hlip import orbit_p1, step_matrices
-from iwalker_jax.optimization.step_mpc import solve_step_mpc
+from iwalker_jax.optimization.steps.hlip import orbit_p1, step_matrices
+from iwalker_jax.optimization.steps.mpc import solve_step_mpc
 
 GAIT = GaitParameters()
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from iwalker_jax.evaluation.tables import COLUMNS, Table, legend, result_row, spread
-from tests.evaluation.results import make_result
+from tests.evaluation.frame_results import make_result
 
 TITLES = [column.title for column in COLUMNS]
 

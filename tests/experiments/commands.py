@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from experiments import evaluate, train
-from iwalker_jax.evaluation import report, sequences
+from iwalker_jax.evaluation.frames import report, sequences
 
 SMALL = [
     "--source.frames",

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from experiments import collect
-from iwalker_jax.navigation.task import Outcome
-from iwalker_jax.training.frames import FrameSet, load_frames
-from tests.evaluation.episodes import make_task
+from iwalker_jax.data.frames import FrameSet, load_frames
+from iwalker_jax.tasks.task import Outcome
+from tests.evaluation.episode_records import make_task
 from tests.experiments.commands import fails_with_one_sentence
 
 

@@ -11,10 +11,10 @@ import pytest
 from flax import nnx
 
 from experiments import evaluate
-from experiments.planner import fingerprint, planner_of
-from tests.evaluation.episodes import StubProgram
+from experiments.shared.planners import fingerprint, planner_of
+from tests.data.recording_folders import write_yaml_recording
+from tests.evaluation.episode_records import StubProgram
 from tests.experiments.commands import SCENES, evaluate_command, evaluate_walks_command, fails_with_one_sentence
-from tests.training.recording_folders import write_yaml_recording
 
 
 def read_table(folder):

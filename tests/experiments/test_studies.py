@@ -4,7 +4,8 @@ import dataclasses
 
 import pytest
 
-from experiments import ablation, compare, evaluate, low_level, study, train
+from experiments import ablation, compare, evaluate, low_level, train
+from experiments.shared import training_study as study
 from iwalker_jax.training.config import TrainConfig
 from tests.experiments.commands import fails_with_one_sentence
 

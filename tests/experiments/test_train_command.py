@@ -16,9 +16,9 @@ import pytest
 from iwalker_jax.training.checkpoints import CheckpointStore
 from iwalker_jax.training.config import TrainConfig, config_from_dict
 from iwalker_jax.training.run_log import read_metrics
+from tests.data.recording_folders import write_yaml_recording
 from tests.experiments.commands import SCENES, SMALL, fails_with_one_sentence, train_command
 from tests.training.conftest import assert_trees_equal
-from tests.training.recording_folders import write_yaml_recording
 
 
 def final_state(folder):

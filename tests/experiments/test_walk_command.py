@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from experiments import walk, walk_study
-from experiments.console import console
-from iwalker_jax.evaluation.walk_tables import COLUMNS
-from iwalker_jax.simulation.walk_motions import Motion
-from iwalker_jax.simulation.walk_setup import Disturbances
+from experiments.shared.console import console
+from iwalker_jax.evaluation.walks.tables import COLUMNS
+from iwalker_jax.walking.commands import Motion
+from iwalker_jax.walking.setup import Disturbances
 from tests.experiments.commands import fails_with_one_sentence
 
 

@@ -12,8 +12,8 @@ from bruce_model import load_mujoco
 from iwalker_jax.navigation.camera import load_camera
 from iwalker_jax.navigation.depth_camera import start_depth_camera, take_depth
 from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.simulation.depth_noise import DepthNoise
-from iwalker_jax.simulation.scene import Scene
+from iwalker_jax.scenes.depth_noise import DepthNoise
+from iwalker_jax.scenes.scene import Scene
 
 FRAMES = 25
 # Without what makes holes: every pixel of the wall returns in every frame.

@@ -4,7 +4,6 @@ import cv2
 import jax
 import numpy as np
 import pytest
-from box_scene import render
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject
@@ -16,6 +15,7 @@ from iwalker_jax.perception.collision_map import (
 )
 from iwalker_jax.perception.depth_cleanup import clean_depth
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
+from tests.perception.box_scene import render
 
 INTRINSICS = Intrinsics()
 TILTED = CameraMount(height=0.62, pitch=np.deg2rad(18.9), roll=np.deg2rad(10.4), forward=0.1, left=0.03)

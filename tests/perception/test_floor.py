@@ -3,11 +3,11 @@
 import jax
 import numpy as np
 import pytest
-from box_scene import render
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.perception.floor import FloorRules, fit_floor
+from tests.perception.box_scene import render
 
 INTRINSICS = Intrinsics()
 FURNITURE = [

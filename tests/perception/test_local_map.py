@@ -3,12 +3,12 @@
 import jax
 import numpy as np
 import pytest
-from box_scene import render
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
 from iwalker_jax.perception.local_map import BLIND_DISC_RADIUS, build_local_map
+from tests.perception.box_scene import render
 
 INTRINSICS = Intrinsics()
 MOUNT = CameraMount()

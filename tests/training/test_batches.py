@@ -5,12 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from iwalker_jax.optimization.hlip import HlipParameters
+from iwalker_jax.optimization.steps.hlip import HlipParameters
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.local_map import build_local_map
 from iwalker_jax.planning.robot_state import StepGeometry
-from iwalker_jax.simulation.ray_casting import render_depth, world_camera_pose
-from iwalker_jax.simulation.scene import Scene
+from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
+from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.training.batches import frame_order, gather_batch
 from iwalker_jax.training.maps import TrainingData
 

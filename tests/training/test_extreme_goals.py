@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from flax import nnx
 
+from iwalker_jax.data.frames import FrameSet, depth_to_millimetres
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.training.batches import gather_batch
-from iwalker_jax.training.frames import FrameSet, depth_to_millimetres
 from iwalker_jax.training.maps import prepare
 from iwalker_jax.training.objectives import batch_losses
 from iwalker_jax.training.train_step import make_planner

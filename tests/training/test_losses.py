@@ -9,7 +9,7 @@ import pytest
 from flax import nnx
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.hlip import HlipParameters
+from iwalker_jax.optimization.steps.hlip import HlipParameters
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.seen_route import ROUTE_GRID
 from iwalker_jax.planning.footsteps import nominal_footsteps

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from iwalker_jax.optimization.hlip import HlipParameters
+from iwalker_jax.optimization.steps.hlip import HlipParameters
 from iwalker_jax.planning.robot_state import RobotState
 from iwalker_jax.training.losses import LossWeights
 from iwalker_jax.training.low_level import instants_of, load_low_level, low_level_losses

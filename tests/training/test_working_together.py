@@ -11,13 +11,13 @@ import jax
 import numpy as np
 import pytest
 
-from iwalker_jax.evaluation.episode_log import load_episodes, load_logs, log_file
-from iwalker_jax.evaluation.navigation_study import run_study
+from iwalker_jax.evaluation.episodes.log import load_episodes, load_logs, log_file
+from iwalker_jax.evaluation.episodes.study import run_study
 from iwalker_jax.training.checkpoints import CheckpointStore
 from iwalker_jax.training.run_log import read_metrics
-from tests.evaluation.episodes import StubProgram
-from tests.evaluation.test_navigation_study import SETTINGS
-from tests.ports import free_port
+from tests.evaluation.episode_records import StubProgram
+from tests.evaluation.episodes.test_study import SETTINGS
+from tests.runtime.ports import free_port
 from tests.training.working_together import BEGUN, ENDED, save_data, train_until
 
 

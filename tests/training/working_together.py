@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iwalker_jax.evaluation.navigation_study import run_study
-from iwalker_jax.processes import ProcessGroup, is_first, join, leave
+from iwalker_jax.evaluation.episodes.study import run_study
+from iwalker_jax.runtime.processes import ProcessGroup, is_first, join, leave
 from iwalker_jax.training.loop import TrainResult, batch_mesh, train
 from iwalker_jax.training.maps import TrainingData
-from tests.evaluation.episodes import StubProgram
-from tests.evaluation.test_navigation_study import SETTINGS
+from tests.evaluation.episode_records import StubProgram
+from tests.evaluation.episodes.test_study import SETTINGS
 from tests.training.conftest import SMALL
 
 BEGUN, ENDED = 1, 3

@@ -1,0 +1,46 @@
+"""The planner that a command is asked to use: of a training run, or the one that ships with the package."""
+
+import hashlib
+from pathlib import Path
+
+import jax
+import numpy as np
+from flax import nnx
+
+from experiments.shared.console import say
+from iwalker_jax.errors import InputError
+from iwalker_jax.planning.planner import Planner
+from iwalker_jax.training.checkpoints import load_run
+from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training.pretrained import load_planner
+from iwalker_jax.training.train_step import planner_from
+
+
+def planner_of(run: Path | None, checkpoint: int | None = None) -> tuple[Planner, TrainConfig, str]:
+    """Planner, configuration and name of a run's checkpoint, or of the planner that ships with the package.
+
+    The name ends in the parameters' fingerprint: results that are kept under it are those of these very networks.
+
+    Raises:
+        CheckpointError: if it cannot be read.
+        InputError: for a checkpoint without a run.
+    """
+    if run is None:
+        if checkpoint is not None:
+            raise InputError("A checkpoint belongs to a run; give the run's folder with --run.")
+        planner, config = load_planner()
+        return planner, config, f"pretrained ({fingerprint(planner)})"
+    state, config = load_run(run, checkpoint, say)
+    say(f"Checkpoint of step {int(state.step)} ({config.method}).")
+    planner = planner_from(config, state.params)
+    return planner, config, f"{run}, step {int(state.step)} ({fingerprint(planner)})"
+
+
+def fingerprint(planner: Planner) -> str:
+    """Eight hexadecimal digits that change with any parameter."""
+    digest = hashlib.sha256()
+    for path, leaf in jax.tree_util.tree_flatten_with_path(nnx.state(planner, nnx.Param))[0]:
+        values = np.asarray(leaf)
+        digest.update(f"{jax.tree_util.keystr(path)} {values.dtype} {values.shape}".encode())
+        digest.update(values.tobytes())
+    return digest.hexdigest()[:8]

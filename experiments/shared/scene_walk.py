@@ -1,0 +1,177 @@
+"""The walk through a scene: camera, planner, walking and physics for one robot, with its trace, film and figures."""
+
+import dataclasses
+import json
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from bruce_model import load_mujoco
+from experiments.shared.console import progress_bar, say
+from experiments.shared.planners import planner_of
+from experiments.shared.walk_output import finite_or_none
+from iwalker_jax.errors import InputError
+from iwalker_jax.evaluation.episodes.film import write_film
+from iwalker_jax.evaluation.episodes.metrics import episode_metrics, judged, row_of
+from iwalker_jax.evaluation.episodes.pictures import save_episode
+from iwalker_jax.evaluation.episodes.surface_distance import AROUND, original_surface, surface_distance
+from iwalker_jax.navigation.body_volume import BodyVolume
+from iwalker_jax.navigation.episodes import EpisodeProgram
+from iwalker_jax.navigation.navigators import make_navigator
+from iwalker_jax.scenes.imported.user_scene import convert_user_scene
+from iwalker_jax.scenes.imported.voxel_boxes import Bounds
+from iwalker_jax.scenes.routes import DEFAULT_ROUTE_RULES
+from iwalker_jax.scenes.scene import Scene
+from iwalker_jax.tasks.named import TASK_NAMES, named_task
+from iwalker_jax.tasks.routes import (
+    PACE,
+    clearances,
+    leg_lengths,
+    single_precision,
+    time_limit,
+)
+from iwalker_jax.tasks.task import SENTENCES, EpisodeRecord, Outcome, Task
+from iwalker_jax.walking.setup import Disturbances, Sensors
+
+PRETRAINED = "pretrained"
+
+_DETOUR = 2.0
+"""Length of the way, by that of the straight line, that is allowed to where no route leads."""
+
+
+@dataclass(frozen=True)
+class SceneWalk:
+    """What the command line asks for; see `experiments.walk` for the fields' meaning."""
+
+    scene: str
+    policy: str
+    navigation: str
+    start: tuple[float, float, float] | None
+    goals: tuple[tuple[float, float], ...]
+    bounds: Bounds | None
+    sensors: Sensors
+    disturbances: Disturbances
+    seed: int
+    video: bool
+    out: Path
+
+    @property
+    def file(self) -> Path | None:
+        """The user's own scene file, if it is one."""
+        return None if self.scene in TASK_NAMES else Path(self.scene)
+
+
+def task_of(walk: SceneWalk) -> Task:
+    """The task of a demonstration's or test sequence's name, or of a user's own scene file with start and goals.
+
+    Raises:
+        InputError: for an unknown scene, a file that cannot be used, or a start where the robot does not fit.
+    """
+    if walk.file is None:
+        if walk.bounds is not None:
+            raise InputError(f"--bounds belongs to a scene file, but {walk.scene} has its own; leave it out.")
+        task = named_task(walk.scene, walk.seed)
+        if walk.start is None and not walk.goals:
+            return task
+        name, scene, start, goals = task.name, task.scene, task.start, walk.goals or task.goals
+    else:
+        name, scene = walk.file.stem, _scene_of(walk.file, walk.goals, walk.bounds)
+        start, goals = (0.0, 0.0, 0.0), walk.goals
+    if walk.start is not None:
+        x, y, degrees = walk.start
+        start = (x, y, math.radians(degrees))
+    task = Task(name, scene, start, np.asarray(goals))
+    _check_start(task)
+    return dataclasses.replace(task, time_limit=time_limit(allowed_length(task)))
+
+
+def _scene_of(file: Path, goals: tuple[tuple[float, float], ...], bounds: Bounds | None) -> Scene:
+    if not file.suffix:
+        raise InputError(f"Unknown scene {str(file)!r}; choose one of {', '.join(TASK_NAMES)}, or give a file.")
+    if not goals:
+        raise InputError(f"Where to in {file}? Give --goals X Y in metres, and --start X Y DEGREES if it is not 0 0 0.")
+    converted = convert_user_scene(file, bounds)
+    say(converted.describe())
+    return converted.scene
+
+
+def _check_start(task: Task) -> None:
+    """Require room for the robot's footprint; a goal that cannot be reached is for the robot to find out."""
+    clearance = float(clearances(single_precision(task.scene), np.asarray(task.start[:2])))
+    wanted = DEFAULT_ROUTE_RULES.inflated_radius
+    if clearance < wanted:
+        where = "inside an obstacle" if clearance <= 0 else f"{100 * clearance:.0f} cm from an obstacle"
+        raise InputError(
+            f"The start at {task.start[0]:g}, {task.start[1]:g} in {task.name} is {where}; give one that is "
+            f"{100 * wanted:.0f} cm from all of them with --start X Y DEGREES."
+        )
+
+
+def allowed_length(task: Task) -> float:
+    """[m] of the way from the start through all goals: comfortable routes, and detours where there are none."""
+    stops = np.concatenate([[task.start[:2]], task.goals])
+    direct = [_DETOUR * math.dist(here, there) for here, there in pairwise(stops)]
+    lengths = leg_lengths(single_precision(task.scene), stops)
+    return sum(away if length is None else length for away, length in zip(direct, lengths, strict=True))
+
+
+def walk_in_scene(walk: SceneWalk) -> None:
+    """Walk, say how it ended, and save trace, film and figures.
+
+    Raises:
+        InputError: for an unknown scene or policy, or files that cannot be used.
+    """
+    task = task_of(walk)
+    planner, _, name = planner_of(None if walk.policy == PRETRAINED else Path(walk.policy))
+    navigator = make_navigator(walk.navigation, planner, walk.sensors)
+    disturbances = walk.disturbances
+    if disturbances.push_impulse:
+        disturbances = dataclasses.replace(disturbances, push_after=allowed_length(task) / PACE / 2)
+    program = EpisodeProgram(navigator, 1, 1, images=True, disturbances=disturbances)
+    with progress_bar("simulated seconds", round(task.time_limit)) as advance:
+        advance(0, "compiling, a minute or two the first time")
+        record = program.run([task], walk.seed, on_progress=lambda done, up: advance(round(done), task.name))
+    episode = judged(row_of(record, 0), task)
+    metrics = episode_metrics(episode, task)
+    outcome = Outcome(int(episode.outcome[-1]))
+    simulated = float(episode.time[-1])
+    say(f"\nBRUCE {SENTENCES[outcome]} after {simulated:.1f} s ({task.name}, {name}, {walk.navigation}).")
+    route = f"the shortest route is {metrics.shortest:.1f} m; SPL {metrics.spl:.2f}"
+    say(f"Walked {metrics.walked:.1f} m, {route if math.isfinite(metrics.shortest) else 'but no route leads there'}.")
+    say(f"Least clearance {100 * float(episode.clearance.min()):.1f} cm, mean speed {metrics.speed:.2f} m/s.")
+    figures = {"task": task.name, **metrics._asdict(), "outcome": outcome.name}
+    if walk.file is not None:
+        figures["surface_distance"] = _surface_distance(walk.file, navigator.volume, episode)
+    say(
+        f"Simulation {simulated / max(program.run_seconds, 1e-9):.1f} x real time, camera included; "
+        f"{program.compile_seconds:.0f} s more to compile and start."
+    )
+    walk.out.mkdir(parents=True, exist_ok=True)
+    save_episode(task, episode, walk.out / "trace.png")
+    plain = {name: value if isinstance(value, str) else finite_or_none(float(value)) for name, value in figures.items()}
+    (walk.out / "figures.json").write_text(json.dumps(plain, indent=2) + "\n")
+    filmed = walk.video and _film(walk.out / "film.mp4", task, episode)
+    say(f"Trace{', figures and film' if filmed else ' and figures'} are in {walk.out}.")
+
+
+def _surface_distance(file: Path, volume: BodyVolume, episode: EpisodeRecord) -> float:
+    """[m] from the walked body to what the file itself describes; says it."""
+    qpos = np.asarray(episode.qpos, np.float64)
+    qpos = qpos[np.isfinite(qpos).all(axis=1)]
+    distance = surface_distance(original_surface(file), volume, load_mujoco(), qpos) if len(qpos) else math.nan
+    words = f"{100 * distance:.1f} cm" if math.isfinite(distance) else f"more than {AROUND:g} m"
+    say(f"Least distance to the surfaces of {file.name} itself {words}.")
+    return distance
+
+
+def _film(file: Path, task: Task, episode: EpisodeRecord) -> bool:
+    """Write the film; a machine that cannot draw is told what is missing and keeps its other results."""
+    try:
+        write_film(file, task, episode)
+    except InputError as error:
+        say(f"No film: {error}")
+        return False
+    return True

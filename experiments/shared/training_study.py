@@ -1,0 +1,150 @@
+"""What `compare` and `ablation` share: train several configurations and seeds on the same frames, one table of all."""
+
+import dataclasses
+import sys
+from collections.abc import Callable
+from collections.abc import Sequence as Many
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
+from experiments.train import prepare_data
+from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.evaluation.frames.report import standard_sequences
+from iwalker_jax.evaluation.frames.sequences import Sequence, evaluate_sequence
+from iwalker_jax.evaluation.tables import Table, legend, result_row
+from iwalker_jax.planning.planner import Planner
+from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training.loop import train
+from iwalker_jax.training.maps import TrainingData
+from iwalker_jax.training.train_step import make_planner, planner_from
+
+
+@dataclass(frozen=True)
+class StudyCommand:
+    """Options of a study.
+
+    Attributes:
+        out: folder of the study; finished runs in it are not repeated.
+        seeds: number of seeds of every row.
+        epochs: passes through the frames in every training.
+        frames: number of synthetic training frames.
+        unseen_scenes: held-out scenes in the evaluation.
+    """
+
+    out: Path
+    seeds: int = 3
+    epochs: int = TrainConfig.epochs
+    frames: int = 1185
+    unseen_scenes: int = 60
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row group of a study.
+
+    Attributes:
+        label: shown in the table.
+        config: of its training.
+        trained: False evaluates the fresh initialisation.
+        starts_from: label of an earlier variant whose parameters this one starts from.
+    """
+
+    label: str
+    config: TrainConfig
+    trained: bool = True
+    starts_from: str | None = None
+
+
+def study_main(
+    title: str,
+    description: str,
+    default: StudyCommand,
+    variants_of: Callable[[TrainConfig], Many[Variant]],
+    arguments: list[str] | None,
+    also: Callable[[Table, Path], None] = lambda table, folder: None,
+) -> int:
+    """Parse the options, run the study of the variants of the default configuration; returns the exit status.
+
+    After every seed, `also` gets the table and the folder that it was saved to.
+    """
+    given = sys.argv[1:] if arguments is None else arguments
+    command = tyro.cli(StudyCommand, args=given, default=default, description=description)
+    try:
+        require_at_least(command, seeds=1, epochs=1, frames=1, unseen_scenes=0)
+        config = TrainConfig(epochs=command.epochs)
+        config = dataclasses.replace(config, source=dataclasses.replace(config.source, frames=command.frames))
+        data = prepare_data(config)
+        table = run_study(variants_of(config), command.seeds, data, command.out, command.unseen_scenes, title, also)
+    except (InputError, CheckpointError, FloatingPointError, OSError) as error:
+        exit_with(error)
+    except KeyboardInterrupt:
+        return stopped("the same command goes on with the trainings that are not finished")
+    return 130 if table is None else 0
+
+
+def run_study(
+    variants: Many[Variant],
+    seeds: int,
+    data: TrainingData,
+    folder: Path,
+    unseen_scenes: int,
+    title: str,
+    also: Callable[[Table, Path], None],
+) -> Table | None:
+    """Train every variant with every seed and evaluate all on the same sequences.
+
+    Runs are resumable: a finished one is only loaded. The table is printed and saved after every seed, so nothing is
+    lost when the study is stopped; None if it was.
+    """
+    sequences = standard_sequences(unseen_scenes=unseen_scenes, say=say)
+    scores: dict[tuple[str, str], list[dict[str, float]]] = {}
+    table = None
+    for seed in range(seeds):
+        trained: dict[str, Planner] = {}
+        for variant in variants:
+            config = dataclasses.replace(variant.config, seed=seed)
+            if variant.trained:
+                start = trained[variant.starts_from] if variant.starts_from else None
+                planner = _train(variant.label, config, data, folder / f"{variant.label}-{seed}", start)
+                if planner is None:
+                    return None
+            else:
+                planner = make_planner(config)
+            trained[variant.label] = planner
+            _score(planner, variant, sequences, scores)
+        rows = tuple(
+            ((variant.label, sequence.name), tuple(scores[variant.label, sequence.name]))
+            for sequence in sequences
+            for variant in variants
+        )
+        table = Table(rows, labels=("method", "scene"))
+        table.save(folder, title)
+        say(f"After {seed + 1} of {seeds} seeds:")
+        say(table.text())
+        also(table, folder)
+    say(legend())
+    say(f"The table is in {folder / title}.md and .csv (one line a seed).")
+    return table
+
+
+def _train(label: str, config: TrainConfig, data: TrainingData, folder: Path, start: Planner | None) -> Planner | None:
+    total = config.total_steps(data.depth.shape[0])
+    with progress_bar(f"{label}, seed {config.seed}", total) as show:
+        result = train(
+            config,
+            data,
+            folder,
+            start_from=start,
+            on_progress=lambda p: show(p.step, f"loss {p.losses['total']:.3f}  {p.frames_per_second:.0f} frames/s"),
+            say=say,
+        )
+    return None if result.interrupted else planner_from(config, result.state.params)
+
+
+def _score(planner: Planner, variant: Variant, sequences: list[Sequence], scores: dict) -> None:
+    for sequence in sequences:
+        result = evaluate_sequence(planner, variant.config.models, sequence)
+        scores.setdefault((variant.label, sequence.name), []).append(result_row(result))

@@ -1,0 +1,1 @@
+"""Training frames from generated scenes, recordings and the robot's own episodes."""

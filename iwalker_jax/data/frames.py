@@ -1,0 +1,141 @@
+"""Frame sets: depth images with mounts and goals, the one form in which training data reaches the planner."""
+
+import hashlib
+import io
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.files import written_whole
+
+DEPTH_UNIT = 0.001
+"""[m] stored depth unit: depth images rest as uint16 millimetres, as the sensors deliver them."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSet:
+    """Depth images with what a planner is asked there.
+
+    Attributes:
+        depth: (n, height, width) uint16 z-depth [mm], 0 = no return.
+        mounts: (n, 5) float32 camera mounts [height, pitch, roll, forward, left] ([m], [rad]).
+        goals: (n, g, 2) float32 [m] goals in the base frame; the first is the route's end, the others are further
+            reachable points used to vary the task.
+        poses: (n, 3) float32 [x, y, yaw] of the base in its scene's world frame; NaN where unknown.
+        scene_index: (n,) int32 index into `scene_names`; frames of one scene are consecutive.
+        scene_names: names of the scenes or recordings.
+    """
+
+    depth: np.ndarray
+    mounts: np.ndarray
+    goals: np.ndarray
+    poses: np.ndarray
+    scene_index: np.ndarray
+    scene_names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        n = len(self.depth)
+        if n == 0:
+            raise InputError("A frame set needs at least one frame; check that the recording or the scenes hold any.")
+        if self.depth.ndim != 3 or self.depth.dtype != np.uint16:
+            raise InputError(
+                f"Depth must be a (frames, height, width) array of uint16 millimetres, got {self.depth.dtype} "
+                f"{self.depth.shape}."
+            )
+        shapes = {
+            "mounts": (self.mounts.shape, (n, 5)),
+            "poses": (self.poses.shape, (n, 3)),
+            "scene_index": (self.scene_index.shape, (n,)),
+            "goals": ((len(self.goals), *self.goals.shape[2:]), (n, 2)),
+        }
+        for name, (got, wanted) in shapes.items():
+            if got != wanted:
+                raise InputError(f"Frame set field {name} has shape {got}, expected {wanted} for {n} frames.")
+        if self.goals.shape[1] == 0:
+            raise InputError("A frame set needs at least one goal for each frame, but goals has none.")
+        if not np.isfinite(self.mounts).all() or not np.isfinite(self.goals).all():
+            raise InputError("Camera mounts and goals must be finite; remove or repair the frames with NaN values.")
+        if self.scene_index.min() < 0 or self.scene_index.max() >= len(self.scene_names):
+            raise InputError("scene_index points outside scene_names.")
+
+    def __len__(self) -> int:
+        return len(self.depth)
+
+    def depth_metres(self) -> np.ndarray:
+        """(n, height, width) float32 [m]."""
+        return self.depth.astype(np.float32) * np.float32(DEPTH_UNIT)
+
+    def select(self, index: np.ndarray) -> "FrameSet":
+        """The frames at the given indices, in that order."""
+        return FrameSet(
+            self.depth[index],
+            self.mounts[index],
+            self.goals[index],
+            self.poses[index],
+            self.scene_index[index],
+            self.scene_names,
+        )
+
+
+def depth_to_millimetres(depth: np.ndarray) -> np.ndarray:
+    """uint16 [mm] of a float depth [m]; what is not finite, negative or beyond 65 m becomes 0 (no return)."""
+    usable = np.isfinite(depth) & (depth > 0) & (depth < 65.0)
+    return np.where(usable, np.round(np.where(usable, depth, 0.0) / DEPTH_UNIT), 0).astype(np.uint16)
+
+
+def save_frames(frames: FrameSet, file: Path) -> None:
+    """Write a frame set and the checksum that `load_frames` verifies; the file appears only when complete."""
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        depth=frames.depth,
+        mounts=frames.mounts,
+        goals=frames.goals,
+        poses=frames.poses,
+        scene_index=frames.scene_index,
+        scene_names=np.array(json.dumps(frames.scene_names)),
+    )
+    payload = buffer.getvalue()
+    try:
+        with written_whole(file) as part:
+            part.write_bytes(payload)
+        checksum_file(file).write_text(hashlib.sha256(payload).hexdigest() + "\n")
+    except OSError as error:
+        raise InputError(f"Cannot write {file}: {error.strerror}; free some space or choose another folder.") from error
+
+
+def load_frames(file: Path) -> FrameSet:
+    """Read a frame set.
+
+    Raises:
+        InputError: if the file is missing, truncated or does not match its checksum.
+    """
+    advice = "delete it and run the command again to make it anew"
+    try:
+        payload = file.read_bytes()
+        wanted = checksum_file(file).read_bytes().strip()
+    except OSError as error:
+        raise InputError(f"Cannot read {error.filename}: {error.strerror}; {advice}.") from error
+    if hashlib.sha256(payload).hexdigest().encode() != wanted:
+        raise InputError(f"{file} does not match its checksum (a truncated or altered file); {advice}.")
+    try:
+        with np.load(io.BytesIO(payload)) as data:
+            return FrameSet(
+                data["depth"],
+                data["mounts"],
+                data["goals"],
+                data["poses"],
+                data["scene_index"],
+                tuple(json.loads(str(data["scene_names"]))),
+            )
+    except (zipfile.BadZipFile, EOFError, KeyError, ValueError) as error:
+        raise InputError(f"{file} is not a frame set written by this version ({error}); {advice}.") from error
+
+
+def checksum_file(file: Path) -> Path:
+    """Where the SHA-256 of a frame-set file stands."""
+    return file.with_suffix(".sha256")

@@ -1,0 +1,105 @@
+"""A user's own recording as training frames: goals are sampled where each frame itself shows free, reachable ground."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from iwalker_jax.data.frames import FrameSet, depth_to_millimetres
+from iwalker_jax.data.recordings import load_recording
+from iwalker_jax.errors import InputError
+from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
+from iwalker_jax.perception.grid import DEFAULT_GRID
+from iwalker_jax.perception.local_map import build_local_map
+from iwalker_jax.perception.traversal import halved, pool_2x2
+
+_GRID = halved(DEFAULT_GRID)
+_CLEARANCE = 0.2
+_NEAREST_GOAL, _FARTHEST_GOAL = 0.6, 6.0
+
+
+def frames_from_recording(
+    folder: Path,
+    goals_per_frame: int = 6,
+    seed: int = 0,
+    intrinsics: Intrinsics | None = None,
+    depth_scale: float | None = None,
+    say: Callable[[str], None] = print,
+) -> FrameSet:
+    """Frames of a recording folder with goals; what was assumed or left out is said.
+
+    With poses the first goal is where the recording ends, as in the paper; the others, and all of them without poses,
+    are cells that the frame itself shows to be free and reachable, evenly spread over distances.
+
+    Args:
+        folder: in any layout that `load_recording` knows.
+        goals_per_frame: goals for each frame.
+        seed: of the goals.
+        intrinsics, depth_scale: override the folder's own.
+        say: hears the sentences.
+
+    Raises:
+        InputError: if the recording is unusable, or no frame shows any free ground.
+    """
+    recording = load_recording(folder, intrinsics, depth_scale)
+    for problem in recording.report.problems:
+        say(f"{problem.file} {problem.problem}")
+    for assumption in recording.report.assumptions:
+        say(f"Assumed: {assumption}")
+    depth = recording.depth_frames()
+    mounts = np.asarray(recording.mounts, np.float32)
+    n = len(depth)
+    rng = np.random.default_rng(seed)
+    goals = np.zeros((n, goals_per_frame, 2), np.float32)
+    usable = np.ones(n, bool)
+    for i in range(n):
+        sampled = _sample_goals(np.asarray(_reachable(depth[i], mounts[i])), goals_per_frame, rng)
+        if sampled is None:
+            usable[i] = False
+        else:
+            goals[i] = sampled
+    if not usable.any():
+        raise InputError(
+            f"No frame of {folder} shows free ground ahead; check the camera's mount and intrinsics with "
+            "`python -m experiments.validate_recording`."
+        )
+    if not usable.all():
+        say(f"{(~usable).sum()} of {n} frames show no free ground ahead and were left out.")
+    poses = np.full((n, 3), np.nan, np.float32) if recording.poses is None else recording.poses
+    if recording.goals is not None:
+        goals[:, 0] = recording.goals
+    elif recording.poses is not None:
+        goals[:, 0] = _in_base(poses, poses[-1, :2])
+    frames = FrameSet(
+        depth_to_millimetres(depth), mounts, goals, poses, np.zeros(n, np.int32), (Path(folder).resolve().name,)
+    )
+    return frames.select(np.flatnonzero(usable))
+
+
+@jax.jit
+def _reachable(depth: Float[Array, "height width"], mount: Float[Array, " 5"]) -> Array:
+    """Cells of the coarse grid that the robot can reach without leaving seen free space."""
+    local = build_local_map(depth, mount, Intrinsics())
+    free = (pool_2x2(local.known_free.astype(jnp.float32)) > 0.99) & (pool_2x2(local.esdf) > _CLEARANCE)
+    return free & (cost_to_go(jnp.where(free, 1.0, jnp.inf), jnp.zeros(2), _GRID).value.cost < UNREACHABLE)
+
+
+def _sample_goals(reachable: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray | None:
+    centres = np.argwhere(reachable) * _GRID.resolution + 0.5 * _GRID.resolution + (_GRID.x_min, _GRID.y_min)
+    distance = np.linalg.norm(centres, axis=1)
+    index = np.flatnonzero((distance > _NEAREST_GOAL) & (distance < _FARTHEST_GOAL))
+    if len(index) == 0:
+        return None
+    weight = 1.0 / distance[index]
+    return centres[rng.choice(index, size=count, p=weight / weight.sum())]
+
+
+def _in_base(poses: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """A world point [m] in every pose's base frame."""
+    offset = point - poses[:, :2]
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return np.stack([cos * offset[:, 0] + sin * offset[:, 1], -sin * offset[:, 0] + cos * offset[:, 1]], axis=1)

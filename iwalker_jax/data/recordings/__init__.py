@@ -1,0 +1,6 @@
+"""Recorded depth sequences as data sets: three folder layouts, validated file by file before use."""
+
+from iwalker_jax.data.recordings.recording import Recording, load_recording, validate_recording
+from iwalker_jax.data.recordings.report import FileProblem, RecordingReport
+
+__all__ = ["FileProblem", "Recording", "RecordingReport", "load_recording", "validate_recording"]

@@ -1,0 +1,1 @@
+"""Episodes by sight: metrics, tables, films and the report."""

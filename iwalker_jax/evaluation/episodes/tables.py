@@ -1,0 +1,84 @@
+"""Tables of closed-loop episodes: one row a policy and set of scenes, as text, Markdown and CSV."""
+
+from collections.abc import Mapping, Sequence
+
+from iwalker_jax.evaluation.episodes.metrics import ARRIVAL, SLACK, EpisodeMetrics
+from iwalker_jax.evaluation.tables import Column, Table
+from iwalker_jax.tasks.task import Outcome
+
+COLUMNS = (
+    Column(
+        "success %",
+        f"episodes that ended standing at the last goal, after all others: the true base within "
+        f"{ARRIVAL + SLACK:.1f} m of each",
+        0,
+        rate=True,
+    ),
+    Column("mistaken %", "it stood where it believed the last goal to be, but was farther from a goal", 0, rate=True),
+    Column("collided %", "the body's volume touched an obstacle", 0, rate=True),
+    Column("fell %", "the robot fell", 0, rate=True),
+    Column("gave up %", "it stopped because it found no way", 0, rate=True),
+    Column("timed out %", "it was still on its way at the time limit", 0, rate=True),
+    Column("goals %", "goals truly reached of those asked for", 0),
+    Column("end cm", "from the true base to the last goal where the robot believed to stand at it", 1),
+    Column(
+        "SPL",
+        "success x shortest route / the longer of shortest route and way walked; the route ends where a goal counts as "
+        f"reached, {ARRIVAL:.1f} m from the last one, and is spared the corners within that of the others",
+        2,
+    ),
+    Column("time s", "to the last goal, of the episodes that reached it", 1),
+    Column("walked m", "way of the base, without the sway of single steps", 2),
+    Column("speed m/s", "way walked by time", 3),
+    Column("clearance cm", "least distance between the body's volume and an obstacle", 1),
+    Column("detours %", "frames in which the classical route took the place of iPath's path", 0),
+    Column("torque %", "largest share of a motor's limit", 0),
+    Column("QP failed %", "ticks whose whole-body QP did not converge", 2),
+    Column("shaking cm", "from each new path, 0.5 m ahead, to the one before", 1),
+)
+_RATES = (
+    ("mistaken %", (Outcome.MISTAKEN,)),
+    ("collided %", (Outcome.COLLIDED,)),
+    ("fell %", (Outcome.FELL,)),
+    ("gave up %", (Outcome.GAVE_UP,)),
+    ("timed out %", (Outcome.TIMED_OUT, Outcome.RUNNING)),
+)
+_STOOD = (Outcome.REACHED, Outcome.MISTAKEN)
+
+
+def episode_values(metrics: EpisodeMetrics) -> dict[str, float]:
+    """Figures of one episode by column title; NaN where a column does not apply."""
+    rates = {title: 100.0 * (metrics.outcome in outcomes) for title, outcomes in _RATES}
+    return {
+        "success %": 100.0 * metrics.success,
+        **rates,
+        "goals %": 100.0 * metrics.goals,
+        "end cm": 100.0 * metrics.end if metrics.outcome in _STOOD else float("nan"),
+        "SPL": metrics.spl,
+        "time s": metrics.seconds if metrics.success else float("nan"),
+        "walked m": metrics.walked,
+        "speed m/s": metrics.speed,
+        "clearance cm": 100.0 * metrics.clearance,
+        "detours %": 100.0 * metrics.detours,
+        "torque %": 100.0 * metrics.torque_peak,
+        "QP failed %": 100.0 * metrics.qp_failures,
+        "shaking cm": 100.0 * metrics.shaking,
+    }
+
+
+def navigation_table(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]]) -> Table:
+    """The table of episodes grouped by (policy, set of scenes).
+
+    Rates are shown with Wilson's 95 % interval, everything else with its standard deviation over the episodes.
+    """
+    rows = tuple(
+        ((policy, scenes, str(len(episodes))), tuple(episode_values(metrics) for metrics in episodes))
+        for (policy, scenes), episodes in groups.items()
+    )
+    return Table(rows, ("policy", "scenes", "episodes"), COLUMNS, each="episode")
+
+
+def failures(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]]) -> dict[tuple[str, str], dict[Outcome, int]]:
+    """How often each kind of end occurred, by group; kinds that occurred nowhere are left out."""
+    kinds = [kind for kind in Outcome if any(m.outcome is kind for episodes in groups.values() for m in episodes)]
+    return {key: {kind: sum(m.outcome is kind for m in ms) for kind in kinds} for key, ms in groups.items()}

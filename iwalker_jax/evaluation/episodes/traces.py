@@ -1,0 +1,69 @@
+"""What is kept of a study's episodes to look at: traces on disk, and the sheets from above drawn from them."""
+
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.evaluation.episodes.metrics import judged, row_of
+from iwalker_jax.evaluation.episodes.pictures import save_episode_grid
+from iwalker_jax.evaluation.episodes.walks import Batch, StudySettings
+from iwalker_jax.runtime.files import written_whole
+from iwalker_jax.tasks.task import EpisodeRecord, Outcome, Task
+
+_PANELS = 16  # episodes on a sheet
+
+
+def traces_file(folder: Path, settings: StudySettings, policy: str, batch: Batch) -> Path:
+    """Where the traces of a policy's batch are kept."""
+    return folder / "traces" / f"{settings.stem(policy, f'{batch.walks}-{batch.first}')}.npz"
+
+
+def save_traces(file: Path, record: EpisodeRecord) -> None:
+    """Write what pictures from above need of a batch of episodes; of plans and postures only the last."""
+    small = record._replace(
+        **{name: getattr(record, name)[:, -1:] for name in ("qpos", "path", "footsteps")},
+        **{name: getattr(record, name)[:, :0] for name in ("depth", "occupied")},
+    )
+    with written_whole(file) as part:
+        np.savez_compressed(part, allow_pickle=False, **{k: np.asarray(v) for k, v in small._asdict().items()})
+
+
+def has_traces(file: Path, episodes: int) -> bool:
+    """Whether a file can be read and holds the traces of so many episodes, or of more."""
+    try:
+        with np.load(file) as stored:
+            return set(EpisodeRecord._fields) <= set(stored.files) and len(stored["outcome"]) >= episodes
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile):
+        return False
+
+
+def load_traces(file: Path) -> EpisodeRecord:
+    """What `save_traces` wrote; InputError if another version did."""
+    with np.load(file) as stored:
+        missing = [name for name in EpisodeRecord._fields if name not in stored.files]
+        if missing:
+            raise InputError(f"{file} is of another version ({missing[0]} is missing); choose another folder.")
+        return EpisodeRecord(**{name: stored[name] for name in EpisodeRecord._fields})
+
+
+def draw_sheets(settings: StudySettings, batches: Sequence[Batch], folder: Path) -> list[tuple[str, Path]]:
+    """One sheet of traces a policy and set of walks, failures first, from the folder's traces of all batches."""
+    sheets = []
+    for policy in settings.policies:
+        found: dict[str, list[tuple[Task, EpisodeRecord]]] = {}
+        for batch in batches:
+            record = load_traces(traces_file(folder, settings, policy, batch))
+            for i, walk in enumerate(batch.members):
+                found.setdefault(batch.walks, []).append((walk.task, judged(row_of(record, i), walk.task)))
+        for name, episodes in found.items():
+            # A stable sort: within failures and successes the order of the tasks stays.
+            chosen = sorted(episodes, key=lambda pair: pair[1].outcome[-1] == Outcome.REACHED)[:_PANELS]
+            rest = f", {len(chosen)} of {len(episodes)} episodes, failures first" if len(chosen) < len(episodes) else ""
+            title = f"{policy}, {name}{rest}"
+            file = folder / "sheets" / f"{settings.stem(policy, name)}.png"
+            save_episode_grid([task for task, _ in chosen], [episode for _, episode in chosen], file, title)
+            sheets.append((title, file))
+    return sheets

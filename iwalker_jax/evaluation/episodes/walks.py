@@ -1,0 +1,138 @@
+"""What a closed-loop study walks: which policies, which tasks, and by what names its results are kept."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.evaluation.episodes.log import EpisodeKey
+from iwalker_jax.navigation.navigators import POLICIES
+from iwalker_jax.tasks.generated import generated_tasks
+from iwalker_jax.tasks.named import TASK_NAMES, named_task
+from iwalker_jax.tasks.task import Task
+
+GENERATED = "generated"
+"""The set of walks in scenes that training never shows."""
+
+WALKS: tuple[str, ...] = (GENERATED, *TASK_NAMES)
+
+OF = "@"
+"""In a policy's name, before the name of the networks that it asks instead of the study's own."""
+
+SEEDS_APART = 10_000
+"""Between the seeds of the tasks of two studies; no set has more tasks."""
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """What is walked.
+
+    Attributes:
+        planner: name of the networks, for the log.
+        policies: of `POLICIES`, followed by @ and a name where they ask other networks; walks: of `WALKS`.
+        count: of generated walks; seeds: of each other set of walks.
+        depth: noisy or ideal camera; state: estimated from sensors or true.
+        seed: of tasks, robots and noise.
+        width: episodes walked at a time.
+    """
+
+    planner: str
+    policies: tuple[str, ...] = tuple(POLICIES)
+    walks: tuple[str, ...] = (GENERATED, "factory", "corridor", "office")
+    count: int = 200
+    seeds: int = 10
+    depth: Literal["noisy", "ideal"] = "noisy"
+    state: Literal["estimated", "true"] = "estimated"
+    seed: int = 0
+    width: int = 20
+
+    def __post_init__(self) -> None:
+        kinds = tuple(policy_and_networks(policy)[0] for policy in self.policies)
+        for title, given, names, known in (
+            ("policy", self.policies, kinds, tuple(POLICIES)),
+            ("set of walks", self.walks, self.walks, WALKS),
+        ):
+            unknown = [whole for whole, name in zip(given, names) if name not in known]
+            if unknown or not given or len(set(given)) < len(given):
+                raise InputError(
+                    f"{', '.join(unknown or given) or 'No'}: choose each {title} once, of {', '.join(known)}."
+                )
+        for name, low in (("count", 1), ("seeds", 1), ("width", 1), ("seed", 0)):
+            if getattr(self, name) < low:
+                raise InputError(f"The study's {name} is {getattr(self, name)}; give at least {low}.")
+        if max(self.count, self.seeds) > SEEDS_APART:
+            raise InputError(f"A set of more than {SEEDS_APART} walks was asked for; give smaller count and seeds.")
+
+    def stem(self, policy: str, what: str | int) -> str:
+        """A file name without its ending, of something of a policy; tells studies in one folder apart."""
+        name, planner = self.who(policy)
+        words = f"{name}-{what}-{planner}-{self.depth}-{self.state}-{self.seed}-{self.width}"
+        return re.sub(r"[^\w.]+", "-", words)
+
+    def who(self, policy: str) -> tuple[str, str]:
+        """Name of a policy of `POLICIES`, and of the networks that it asks."""
+        name, other = policy_and_networks(policy)
+        return name, other or self.planner
+
+
+def policy_and_networks(policy: str) -> tuple[str, str]:
+    """Name of a policy of `POLICIES`, and what is said of other networks than the study's own; empty if nothing."""
+    name, _, other = policy.partition(OF)
+    return name, other
+
+
+class Walk(NamedTuple):
+    """One task of a set of walks and its number in the set."""
+
+    walks: str
+    number: int
+    task: Task
+
+
+class Batch(NamedTuple):
+    """Tasks of one set that are walked at a time; which set, the number of its first task, and the conditions' seed."""
+
+    walks: str
+    first: int
+    members: tuple[Walk, ...]
+    seed: int
+
+
+def walks_of(settings: StudySettings) -> list[Walk]:
+    """All tasks of a study, set by set; task k of a set is the same however many there are."""
+    walks = []
+    for name in settings.walks:
+        if name == GENERATED:
+            # Studies with other seeds walk elsewhere.
+            tasks = generated_tasks(settings.count, settings.seed * SEEDS_APART)
+        else:
+            tasks = [named_task(name, settings.seed * SEEDS_APART + k) for k in range(settings.seeds)]
+        walks += [Walk(name, number, task) for number, task in enumerate(tasks)]
+    return walks
+
+
+def batches_of(settings: StudySettings, walks: Sequence[Walk]) -> list[Batch]:
+    """The tasks of a study in batches, each of one set: what a robot meets does not depend on the other sets."""
+    batches = []
+    for name in settings.walks:
+        own = [walk for walk in walks if walk.walks == name]
+        for first in range(0, len(own), settings.width):
+            seed = conditions_seed(settings.seed, name, first)
+            batches.append(Batch(name, first, tuple(own[first : first + settings.width]), seed))
+    return batches
+
+
+def conditions_seed(seed: int, walks: str, first: int) -> int:
+    """Seed of robots and noise of the batch that begins with a number of a set, in the study of a seed."""
+    mixed = np.random.SeedSequence([seed, *walks.encode(), first]).generate_state(1)[0]
+    return int(mixed) >> 1  # 31 bits, which every integer type holds
+
+
+def key_of(settings: StudySettings, policy: str, walk: Walk) -> EpisodeKey:
+    """The log's key of an episode."""
+    s = settings
+    name, planner = s.who(policy)
+    return EpisodeKey(planner, s.depth, s.state, s.seed, s.width, name, walk.walks, walk.number)

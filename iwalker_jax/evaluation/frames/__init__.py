@@ -1,0 +1,1 @@
+"""Plans on single frames: metrics, tables and pictures."""

@@ -1,0 +1,54 @@
+"""A run's evaluation report: the table over the test sequences and unseen scenes, and a picture sheet per sequence."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from iwalker_jax.evaluation.frames.pictures import save_sheet
+from iwalker_jax.evaluation.frames.sequences import (
+    Sequence,
+    evaluate_sequence,
+    record_test_sequence,
+    record_unseen_scenes,
+)
+from iwalker_jax.evaluation.tables import Table, result_row
+from iwalker_jax.planning.planner import Planner
+from iwalker_jax.scenes.built.sequences import TEST_NAMES
+from iwalker_jax.training.losses import PlannerModels
+
+
+def standard_sequences(
+    names: tuple[str, ...] = TEST_NAMES,
+    unseen_scenes: int = 60,
+    seed: int = 0,
+    say: Callable[[str], None] = lambda sentence: None,
+) -> list[Sequence]:
+    """The named test sequences and, unless `unseen_scenes` is 0, walks through that many held-out scenes."""
+    sequences = []
+    for name in names:
+        say(f"recording the test sequence {name}")
+        sequences.append(record_test_sequence(name, seed=seed))
+    if unseen_scenes:
+        say(f"recording walks through {unseen_scenes} unseen scenes")
+        sequences.append(record_unseen_scenes(unseen_scenes, seed=seed))
+    return sequences
+
+
+def evaluate_all(
+    planner: Planner,
+    models: PlannerModels,
+    sequences: list[Sequence],
+    folder: Path | None = None,
+    say: Callable[[str], None] = lambda sentence: None,
+) -> Table:
+    """Evaluate every sequence; with a folder, also write table.md, table.csv and one sheet a sequence."""
+    rows = []
+    for sequence in sequences:
+        say(f"evaluating {sequence.name} ({len(sequence.frames)} frames)")
+        result = evaluate_sequence(planner, models, sequence)
+        rows.append(((sequence.name,), (result_row(result),)))
+        if folder is not None:
+            save_sheet(sequence, result, folder / f"{sequence.name}.png")
+    table = Table(tuple(rows))
+    if folder is not None:
+        table.save(folder, "table")
+    return table

@@ -1,0 +1,197 @@
+"""Evaluation on frames: the four test sequences and unseen generated scenes, planned in batches, scored row by row."""
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+
+from iwalker_jax.data.frames import FrameSet
+from iwalker_jax.data.generated import concatenate_walks
+from iwalker_jax.data.generated_walk import WalkSampling, record_walk
+from iwalker_jax.errors import InputError
+from iwalker_jax.evaluation.frames.metrics import (
+    PlanMetrics,
+    TrueMetrics,
+    goal_in_view,
+    goal_served,
+    plan_metrics,
+    to_world,
+    true_metrics,
+)
+from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception.local_map import LocalMap, build_local_map
+from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning.robot_state import sample_robot_state
+from iwalker_jax.scenes.built.held_out import held_out_scene
+from iwalker_jax.scenes.built.sequences import TEST_NAMES, test_sequence
+from iwalker_jax.scenes.routes import shortest_distance
+from iwalker_jax.scenes.scene import Scene
+from iwalker_jax.training.losses import PlannerModels
+
+_BATCH = 16
+
+
+class Sequence(NamedTuple):
+    """Frames to evaluate on and the scenes they were taken in (None for real recordings)."""
+
+    name: str
+    frames: FrameSet
+    scenes: tuple[Scene, ...] | None
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceResult:
+    """Plans and metrics of every frame of a sequence; arrays have a leading frame axis, NumPy.
+
+    Attributes:
+        name: of the sequence.
+        goals: (n, 2) [m] the goals asked for.
+        path, tracked: (n, 100, 2) [m] before and after the unicycle MPC.
+        footsteps: (n, m, 2) [m].
+        fear: (n,) predicted probability of an obstacle on the path.
+        stance_side: (n,) +1 where the left foot is the stance foot.
+        plan: the paper's metrics.
+        truth: ground-truth metrics; None for real recordings.
+        in_view: (n,) whether the goal is in view; None for real recordings.
+        served: (n,) whether the plan serves its goal; None for real recordings.
+        maps: local maps of the frames.
+    """
+
+    name: str
+    goals: np.ndarray
+    path: np.ndarray
+    tracked: np.ndarray
+    footsteps: np.ndarray
+    fear: np.ndarray
+    stance_side: np.ndarray
+    plan: PlanMetrics
+    truth: TrueMetrics | None
+    in_view: np.ndarray | None
+    served: np.ndarray | None
+    maps: LocalMap
+
+
+def record_test_sequence(name: str, frames: int = 60, seed: int = 0) -> Sequence:
+    """The named test sequence (stair, office, corridor, corner): noisy frames along its route, goal at its end."""
+    if name not in TEST_NAMES:
+        raise InputError(f"Unknown test scene {name!r}; choose one of {', '.join(TEST_NAMES)}.")
+    sequence = test_sequence(name)
+    sampling = WalkSampling(frames_per_walk=frames)
+    walk = record_walk(sequence.scene, seed=1_000_003 + seed, sampling=sampling, route=np.asarray(sequence.route))
+    if walk is None:
+        raise InputError(f"The route of test scene {name!r} does not fit the robot.")
+    return Sequence(name, walk, (sequence.scene,))
+
+
+def record_unseen_scenes(
+    scenes: int = 60, frames_per_scene: int = 5, seed: int = 0, on_progress: Callable[[int], None] = lambda done: None
+) -> Sequence:
+    """Walks through scenes of the held-out generator, which no training seed can produce."""
+    parts: list[FrameSet] = []
+    kept: list[Scene] = []
+    sampling = WalkSampling(frames_per_walk=frames_per_scene)
+    number = 0
+    while len(parts) < scenes:
+        scene = held_out_scene(seed * 10_000 + number)
+        walk = record_walk(scene, seed=2_000_003 + seed * 10_000 + number, sampling=sampling)
+        number += 1
+        if walk is not None:
+            parts.append(walk)
+            kept.append(scene)
+            on_progress(len(parts))
+    return Sequence("unseen", concatenate_walks(parts, [scene.name for scene in kept]), tuple(kept))
+
+
+def evaluate_sequence(
+    planner: Planner,
+    models: PlannerModels,
+    sequence: Sequence,
+    goal_index: int = 0,
+    intrinsics: Intrinsics = Intrinsics(),
+    seed: int = 0,
+) -> SequenceResult:
+    """Plan every frame of a sequence and score it.
+
+    Args:
+        planner: with trained parameters.
+        models: of the two MPCs and the body.
+        sequence: frames and scenes.
+        goal_index: which of each frame's goals to ask for; 0 is the route's end, as in the paper.
+        intrinsics: of the frames.
+        seed: of the robot states that iStepper sees.
+    """
+    frames = sequence.frames
+    n = len(frames)
+    depth = frames.depth_metres()
+    goals = frames.goals[:, goal_index]
+
+    # Parameters are arguments, so that one compiled program serves every sequence, checkpoint and seed.
+    graph, params = nnx.split(planner)
+    keys = jax.random.split(jax.random.key(seed), n)
+    parts: list[Any] = []
+    for start in range(0, n, _BATCH):
+        index = np.minimum(np.arange(start, start + _BATCH), n - 1)
+        batch = (jnp.asarray(depth[index]), frames.mounts[index], goals[index], keys[index])
+        out = _plan_batch(graph, params, *batch, models, intrinsics)
+        parts.append(jax.tree.map(lambda x, keep=min(_BATCH, n - start): np.asarray(x[:keep]), out))
+    plan, tracked, metrics, side, maps = jax.tree.map(lambda *x: np.concatenate(x), *parts)
+
+    truth = in_view = served = None
+    if sequence.scenes is not None:
+        truth, in_view = _truth(sequence, goals, plan.path, plan.footsteps, models, intrinsics)
+        served = np.asarray(goal_served(truth, jnp.asarray(in_view)))
+    return SequenceResult(
+        name=sequence.name,
+        goals=goals,
+        path=plan.path,
+        tracked=tracked,
+        footsteps=plan.footsteps,
+        fear=1.0 / (1.0 + np.exp(-plan.fear)),
+        stance_side=side,
+        plan=metrics,
+        truth=truth,
+        in_view=in_view,
+        served=served,
+        maps=maps,
+    )
+
+
+@functools.partial(jax.jit, static_argnames=("graph", "models", "intrinsics"))
+def _plan_batch(graph, params, depth, mounts, goals, keys, models: PlannerModels, intrinsics: Intrinsics):
+    maps = jax.vmap(lambda d, m: build_local_map(d, m, intrinsics))(depth, mounts)
+    state = jax.vmap(lambda key: sample_robot_state(key, models.steps, models.hlip))(keys)
+    plan = nnx.merge(graph, params)(depth, goals, state, mounts)
+    score = jax.vmap(lambda p, w, s, x, m: plan_metrics(p, w, s, x, m, models))
+    metrics, tracked = score(plan.path, plan.waypoints, plan.footsteps, state, maps.published)
+    return plan, tracked, metrics, state.stance_side, maps
+
+
+def _truth(sequence, goals, paths, footsteps, models, intrinsics) -> tuple[TrueMetrics, np.ndarray]:
+    half_view = float(np.arctan2(intrinsics.width / 2, intrinsics.fx))
+    rows, views = [], []
+    arrays = [scene.arrays() for scene in sequence.scenes]
+    for i in range(len(goals)):
+        truth, view = _score_truth(
+            arrays[sequence.frames.scene_index[i]],
+            jnp.asarray(sequence.frames.poses[i]),
+            jnp.asarray(goals[i]),
+            jnp.asarray(paths[i]),
+            jnp.asarray(footsteps[i]),
+            models.traversal.body_radius,
+            half_view,
+        )
+        rows.append(truth)
+        views.append(view)
+    return jax.tree.map(lambda *x: np.stack([np.asarray(v) for v in x]), *rows), np.asarray(views)
+
+
+@jax.jit
+def _score_truth(scene, pose, goal, path, footsteps, body_radius, half_view):
+    shortest = shortest_distance(scene, to_world(pose, goal))
+    truth = true_metrics(path, footsteps, goal, pose, scene, shortest, body_radius)
+    return truth, goal_in_view(goal, pose, scene, half_view, range_limit=6.0)

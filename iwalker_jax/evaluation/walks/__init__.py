@@ -1,0 +1,1 @@
+"""Walks on given footsteps: metrics, tables and plots."""

@@ -1,0 +1,1 @@
+"""Recorded motions as video, in a window or without a screen."""

@@ -1,0 +1,172 @@
+"""Frames of recorded motions, drawn offscreen by MuJoCo with footsteps, forces, pushes and a clock."""
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import mujoco
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.film.headless import NO_RENDERING, missing_backend
+from iwalker_jax.film.motion import check_motion, resample_motion, smooth_track
+from iwalker_jax.film.scene_marks import add_footsteps, add_forces, add_shadow
+from iwalker_jax.walking.record import TimedFootsteps
+
+CONTACT_SITES = ("toe_r", "heel_r", "toe_l", "heel_l")
+"""Sites at which contact forces are drawn."""
+
+
+@dataclass(frozen=True)
+class VideoSettings:
+    """How a motion is filmed.
+
+    Attributes:
+        camera: one of the model's; cameras that track a body follow the base's smoothed path.
+        width, height: [px].
+        fps: frames a second.
+        slow_motion: 2 plays at half speed.
+        samples: of anti-aliasing; without a GPU, 0 is twice as fast as 4.
+    """
+
+    camera: str = "side"
+    width: int = 640
+    height: int = 480
+    fps: float = 30.0
+    slow_motion: float = 1.0
+    samples: int = 4
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            if not 16 <= getattr(self, name) <= 4096 or getattr(self, name) % 2:
+                raise InputError(f"The video's {name} is {getattr(self, name)} px; give an even number, 16 to 4096.")
+        for name in ("fps", "slow_motion"):
+            if not 0.0 < getattr(self, name) <= 1000.0:
+                raise InputError(f"The video's {name} is {getattr(self, name)}; give a number above 0, at most 1000.")
+        if self.samples not in (0, 2, 4, 8):
+            raise InputError(f"The video's anti-aliasing takes {self.samples} samples; give 0, 2, 4 or 8.")
+
+
+class Overlays(NamedTuple):
+    """What is drawn besides the robot; left out where None.
+
+    Attributes:
+        footsteps: planned footsteps, on the floor.
+        forces: (N, 4, 3) [N] contact forces at `CONTACT_SITES`, world frame.
+        pushes: (N, 3) [N] force on the base, world frame.
+        caption: line of text under the clock.
+    """
+
+    footsteps: TimedFootsteps | None = None
+    forces: Float[np.ndarray, "n 4 3"] | None = None
+    pushes: Float[np.ndarray, "n 3"] | None = None
+    caption: str = ""
+
+
+def render_frames(
+    model: mujoco.MjModel,
+    qpos: Float[np.ndarray, "n nq"],
+    times: Float[np.ndarray, " n"],
+    settings: VideoSettings = VideoSettings(),
+    overlays: Overlays = Overlays(),
+) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
+    """The frames of a video, one by one, in RGB.
+
+    Args:
+        model: whose first body is the floating base.
+        qpos: (N, nq) recorded configurations.
+        times: (N,) [s] increasing.
+        settings: camera, size and speed.
+        overlays: what is drawn besides the robot.
+
+    Raises:
+        InputError: a bad motion or overlay, an unknown camera, or nothing to draw with.
+    """
+    check_motion(model, qpos, times)
+    check_overlays(model, overlays, len(times))
+    camera = _camera_of(model, settings.camera)
+    tracking = model.cam_mode[camera] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+    period = 1.0 / (settings.fps * settings.slow_motion)
+    at = times[0] + period * np.arange(int((times[-1] - times[0]) / period + 1e-6) + 1)
+    motion = resample_motion(model, qpos, times, at)
+    rows = np.minimum(np.searchsorted(times, at), len(times) - 1)
+    track = smooth_track(motion[:, :3], period)
+    speed = np.linalg.norm(np.gradient(track[:, :2], period, axis=0), axis=1) if len(at) > 1 else np.zeros(1)
+    data = mujoco.MjData(model)
+    with open_renderer(model, settings) as renderer:
+        scene = renderer.scene
+        for i, now in enumerate(at):
+            place(model, data, motion[i])
+            if tracking:
+                data.cam_xpos[camera] += track[i] - motion[i, :3]
+            renderer.update_scene(data, camera)
+            # Without a GPU, MuJoCo's shadows take two thirds of the time and reflections a sixth.
+            scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+            scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+            add_shadow(scene, data.xpos[1])
+            draw_overlays(scene, data, overlays, now, rows[i])
+            yield _write_text(renderer.render(), (f"{now:.2f} s   {speed[i]:.2f} m/s", overlays.caption))
+
+
+def place(model: mujoco.MjModel, data: mujoco.MjData, qpos: Float[np.ndarray, " nq"]) -> None:
+    """Put the model into a configuration; the stages of mj_forward that a picture needs."""
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_camlight(model, data)
+
+
+def check_overlays(model: mujoco.MjModel, overlays: Overlays, instants: int) -> None:
+    """Raise InputError unless the overlays fit the motion's instants and the model has the sites they need."""
+    for name, wanted in (("forces", (instants, len(CONTACT_SITES), 3)), ("pushes", (instants, 3))):
+        given = getattr(overlays, name)
+        if given is not None and np.shape(given) != wanted:
+            raise InputError(f"The overlay's {name} have shape {np.shape(given)}; this motion needs {wanted}.")
+    missing = [name for name in CONTACT_SITES if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name) < 0]
+    if overlays.forces is not None and missing:
+        raise InputError(f"The model has no site {missing[0]!r} to draw a contact force at; leave the forces out.")
+
+
+def draw_overlays(scene: mujoco.MjvScene, data: mujoco.MjData, overlays: Overlays, now: float, row: int) -> None:
+    """Append to the scene what stands beside the robot at time `now` [s], the motion's instant `row`."""
+    if overlays.footsteps is not None:
+        add_footsteps(scene, overlays.footsteps, now)
+    if overlays.forces is not None:
+        add_forces(scene, np.stack([data.site(name).xpos for name in CONTACT_SITES]), overlays.forces[row])
+    if overlays.pushes is not None:
+        add_forces(scene, data.xipos[1:2], overlays.pushes[row : row + 1], push=True)
+
+
+def open_renderer(model: mujoco.MjModel, settings: VideoSettings) -> mujoco.Renderer:
+    """MuJoCo's offscreen renderer of the settings' size; InputError if there is nothing to draw with."""
+    reason = missing_backend()
+    if reason:
+        raise InputError(NO_RENDERING.format(reason=reason))
+    model = copy.copy(model)
+    model.vis.quality.offsamples = settings.samples
+    model.vis.global_.offwidth = settings.width
+    model.vis.global_.offheight = settings.height
+    try:
+        return mujoco.Renderer(model, settings.height, settings.width)
+    except Exception as error:  # every OpenGL backend fails with exceptions of its own
+        raise InputError(NO_RENDERING.format(reason=" ".join(str(error).split()).rstrip("."))) from error
+
+
+def _camera_of(model: mujoco.MjModel, name: str) -> int:
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
+    if index < 0:
+        names = ", ".join(model.camera(i).name for i in range(model.ncam)) or "it has none"
+        raise InputError(f"The model has no camera {name!r}; choose one of its cameras ({names}).")
+    return index
+
+
+def _write_text(image: UInt8[np.ndarray, "height width 3"], lines: tuple[str, ...]) -> np.ndarray:
+    """Write lines of text into the upper left corner."""
+    scale = image.shape[0] / 480
+    for i, line in enumerate(lines):
+        corner = (round(12 * scale), round((26 + 22 * i) * scale))
+        cv2.putText(image, line, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.55 * scale, (40, 40, 45), 1, cv2.LINE_AA)
+    return image

@@ -1,0 +1,1 @@
+"""Dense convex quadratic programs: problem, solver, derivatives."""

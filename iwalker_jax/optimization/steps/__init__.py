@@ -1,0 +1,1 @@
+"""H-LIP and its step MPCs: which footsteps are dynamically feasible."""

@@ -1,0 +1,213 @@
+"""The step MPC's quadratic program: weights, reference gait, modal form and the plan read off its solution.
+
+Indices: the robot stands on s_0 = c_0 - p_0 in the pre-impact state x_0; footsteps[k] is the wanted s_{k+1}, so row 0
+is the NEXT footstep, and row k of a plan's states is the pre-impact state on that footstep. With u_k = s_{k+1} - s_k
+    J = sum_k w_s |s_k - s^_k|^2 + w_p |p_k - p^_k|^2 + w_v |v_k - v^_k|^2   (k = 1..N)
+        + sum_k w_u |u_k|^2 (k = 0..N-1) + w_xi |xi_N - xi^_N|^2
+for both planes alike. A cost of footsteps and inputs alone says nothing of the COM, which then runs away.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple, get_args
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.optimization.solution import GradientMode, Solution, Status
+from iwalker_jax.optimization.steps.hlip import HlipParameters, Modes, Scalar, field_values, require_range
+from iwalker_jax.optimization.steps.riccati import Kkt, StepCost, apply_kkt, weigh_states
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class StepMpcWeights:
+    """Weights of the step MPC; a pytree, so that any of them may be traced and differentiated.
+
+    Attributes:
+        footstep: w_s [1/m^2].
+        effort: w_u [1/m^2], on the step size itself; 0 by default, because it shortens and narrows every step.
+        orbit_position: w_p [1/m^2].
+        orbit_velocity: w_v [s^2/m^2].
+        terminal: w_xi [1/m^2], on the divergent component after the last step; it bounds the COM.
+    """
+
+    footstep: Scalar = 100.0
+    effort: Scalar = 0.0
+    orbit_position: Scalar = 100.0
+    orbit_velocity: Scalar = 4.0
+    terminal: Scalar = 100.0
+
+    def __post_init__(self) -> None:
+        require_range(self, "footstep", 0.0, 1e6, "1/m^2")
+        require_range(self, "effort", 0.0, 1e6, "1/m^2")
+        require_range(self, "orbit_position", 0.0, 1e6, "1/m^2")
+        require_range(self, "orbit_velocity", 0.0, 1e6, "s^2/m^2")
+        require_range(self, "terminal", 0.0, 1e6, "1/m^2")
+        plain = [x for x in (self.footstep, self.effort) if isinstance(x, (int, float))]
+        if len(plain) == 2 and max(plain) <= 0:
+            raise InputError("StepMpcWeights.footstep and effort are both 0; make one of them positive.")
+
+    @classmethod
+    def published(cls) -> "StepMpcWeights":
+        """The paper's weights, which leave the COM free to run away; for comparison only."""
+        return cls(footstep=100.0, effort=3.0, orbit_position=0.0, orbit_velocity=0.0, terminal=0.0)
+
+
+class StepPlan(NamedTuple):
+    """Outcome of the step MPC over N steps, in the frame of the wanted footsteps.
+
+    Attributes:
+        footsteps: (N, 2) planned footsteps s_1..s_N [m].
+        states: (N, 2, 3) pre-impact state [c, p, v] of the x and y plane on each of them [m, m, m/s].
+        inputs: (N, 2) step sizes u_0..u_{N-1} [m].
+        cost: () J.
+    """
+
+    footsteps: Float[Array, "n 2"]
+    states: Float[Array, "n 2 3"]
+    inputs: Float[Array, "n 2"]
+    cost: Float[Array, ""]
+
+
+def gait_reference(pole: Float[Array, ""], steps: Float[Array, "n 2"]) -> Float[Array, "n 2 2"]:
+    """Divergent and convergent component (axis 1) of the period-two orbit through each of N wanted steps.
+
+    The reference is local on purpose. The exact bounded motion of the wanted steps would make any of them optimal
+    up to one fixed correction of the initial xi; this one also pulls each step towards a regular gait, and costs
+    about 0.1 mm of tracking on a path that turns 0.15 rad a step.
+
+    Row k belongs to s_{k+1}, where the next two wanted steps are u_{k+1} and u_{k+2}; after the last one the
+    gait repeats its last two steps. One wanted step tells no gait: the reference then stands still.
+    """
+    if steps.shape[0] == 1:
+        following = jnp.zeros_like(jnp.concatenate([steps, steps]))
+    else:
+        following = jnp.concatenate([steps[1:], steps[-2:]])
+    step, after = following[:-1], following[1:]
+    scale = 1 / (1 - pole**-2)
+    return jnp.stack([scale * (step + after / pole), -scale * (after + step / pole) / pole], axis=1)
+
+
+def check_shapes(
+    footsteps: Float[Array, "n 2"], initial_state: Float[Array, "2 3"], gradient: str
+) -> tuple[Float[Array, "n 2"], Float[Array, "2 3"]]:
+    """Both arrays in the footsteps' float type, or InputError."""
+    footsteps, initial_state = jnp.asarray(footsteps), jnp.asarray(initial_state)
+    if footsteps.ndim != 2 or footsteps.shape[1] != 2 or footsteps.shape[0] == 0:
+        raise InputError(f"footsteps have shape {footsteps.shape}; give (N, 2) with N >= 1 and vmap over batches.")
+    if initial_state.shape != (2, 3):
+        raise InputError(
+            f"initial_state has shape {initial_state.shape}; give (2, 3): [c, p, v] of the x and of the y plane."
+        )
+    if gradient not in get_args(GradientMode):
+        raise InputError(f"gradient is {gradient!r}; choose one of {', '.join(get_args(GradientMode))}.")
+    dtype = jnp.promote_types(footsteps.dtype, jnp.float32)
+    return footsteps.astype(dtype), initial_state.astype(dtype)
+
+
+def sanitise(
+    footsteps: Float[Array, "n 2"],
+    initial_state: Float[Array, "2 3"],
+    parameters: HlipParameters,
+    weights: StepMpcWeights,
+) -> tuple[Float[Array, "n 2"], Float[Array, "2 3"], HlipParameters, StepMpcWeights, Bool[Array, ""]]:
+    """Replace unusable values by harmless ones, so that neither value nor gradient is NaN, and say if all were good.
+
+    Non-finite coordinates become 0; unphysical constants (z0, T_SSP, g not positive, T_DSP or a weight negative, no
+    weight on footsteps and effort) become the defaults.
+    """
+    dtype = footsteps.dtype
+    constants = jnp.stack([jnp.asarray(x, dtype) for x in field_values(parameters)])
+    factors = jnp.stack([jnp.asarray(x, dtype) for x in field_values(weights)])
+    physical = jnp.all(jnp.isfinite(constants)) & jnp.all(constants.at[2].add(1) > 0) & (constants[2] >= 0)
+    convex = jnp.all(jnp.isfinite(factors)) & jnp.all(factors >= 0) & (factors[0] + factors[1] > 0)
+    constants = jnp.where(physical, constants, jnp.asarray(field_values(HlipParameters()), dtype))
+    factors = jnp.where(convex, factors, jnp.asarray(field_values(StepMpcWeights()), dtype))
+    finite = jnp.all(jnp.isfinite(footsteps)) & jnp.all(jnp.isfinite(initial_state))
+    return (
+        jnp.where(jnp.isfinite(footsteps), footsteps, 0),
+        jnp.where(jnp.isfinite(initial_state), initial_state, 0),
+        HlipParameters(*constants),
+        StepMpcWeights(*factors),
+        physical & convex & finite,
+    )
+
+
+def modal_cost(form: Modes, weights: StepMpcWeights) -> StepCost:
+    """Stage cost in (s, xi, zeta): v = (xi - zeta) / d and p = (e zeta - f xi) / d, with leads e, f and d = e - f."""
+    e, f = form.divergent_lead, form.convergent_lead
+    scale = (e - f) ** -2
+    position, velocity = weights.orbit_position, weights.orbit_velocity
+    return StepCost(
+        footstep=weights.footstep,
+        divergent=scale * (position * f**2 + velocity),
+        convergent=scale * (position * e**2 + velocity),
+        cross=-scale * (position * e * f + velocity),
+        terminal=weights.terminal,
+        effort=weights.effort,
+    )
+
+
+def tracking_problem(
+    form: Modes, cost: StepCost, footsteps: Float[Array, "n 2"], initial_state: Float[Array, "2 3"]
+) -> tuple[Float[Array, "n 2"], Float[Array, "n 2 2"], Kkt]:
+    """Wanted steps, reference (xi, zeta), and the KKT system's right-hand side for the deviation from them.
+
+    Deviations are small where footsteps are metres away, which is what float32 needs; the reference's own defects of
+    the step map appear as drift.
+    """
+    com, position, velocity = initial_state[:, 0], initial_state[:, 1], initial_state[:, 2]
+    steps = jnp.diff(footsteps, axis=0, prepend=(com - position)[None])
+    gait = gait_reference(form.pole, steps)
+    lead = jnp.stack([form.divergent_lead, form.convergent_lead])[:, None]
+    path = jnp.concatenate([(position + lead * velocity)[None], gait])
+    growth = jnp.stack([form.pole, 1 / form.pole])[:, None]
+    defect = path[1:] - growth * (path[:-1] - steps[:, None])
+    drift = jnp.concatenate([jnp.zeros_like(steps)[:, None], defect], axis=1)
+    return steps, gait, (jnp.zeros_like(drift), -cost.effort * steps, drift)
+
+
+def kkt_residual(cost: StepCost, pole: Float[Array, ""], point: Kkt, rows: Kkt) -> Float[Array, ""]:
+    """Largest error of the three blocks of the KKT system, each relative to the block's largest term."""
+    left = apply_kkt(cost, pole, point)
+    states, inputs, costates = (jnp.max(jnp.abs(x)) for x in point)
+    sizes = (jnp.max(jnp.abs(rows[0])) + costates, cost.effort * inputs + costates, states + inputs)
+    errors = [jnp.max(jnp.abs(a - b)) for a, b in zip(left, rows, strict=True)]
+    tiny = jnp.finfo(pole.dtype).tiny
+    return jnp.max(jnp.stack([error / (size + tiny) for error, size in zip(errors, sizes, strict=True)]))
+
+
+def as_plan(
+    form: Modes,
+    cost: StepCost,
+    footsteps: Float[Array, "n 2"],
+    steps: Float[Array, "n 2"],
+    gait: Float[Array, "n 2 2"],
+    states: Float[Array, "n 3 2"],
+    inputs: Float[Array, "n 2"],
+) -> StepPlan:
+    """Plan from the wanted footsteps and steps, the reference (xi, zeta) and the deviations from them."""
+    planned, taken = footsteps + states[:, 0], steps + inputs
+    divergent, convergent = gait[:, 0] + states[:, 1], gait[:, 1] + states[:, 2]
+    velocity = (divergent - convergent) / (form.divergent_lead - form.convergent_lead)
+    position = divergent - form.divergent_lead * velocity
+    total = jnp.sum(states * weigh_states(cost, states)) + cost.effort * jnp.sum(taken**2)
+    return StepPlan(planned, jnp.stack([planned + position, position, velocity], axis=-1), taken, total)
+
+
+def conclude(
+    plan: StepPlan,
+    residual: Float[Array, ""],
+    usable: Bool[Array, ""],
+    status: Int[Array, ""],
+    iterations: Int[Array, ""],
+) -> Solution:
+    """Solution of a plan; whatever is not finite is replaced by 0 and reported as NON_FINITE."""
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in plan])) & jnp.isfinite(residual)
+    good = usable & finite
+    plan = StepPlan(*(jnp.where(jnp.isfinite(x), x, 0) for x in plan))
+    status = jnp.where(good, status, jnp.asarray(Status.NON_FINITE, jnp.int32))
+    residual = jnp.where(good, residual, jnp.inf)
+    return Solution(plan, status, residual, iterations, status == Status.CONVERGED)

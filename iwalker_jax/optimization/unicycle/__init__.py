@@ -1,0 +1,1 @@
+"""The unicycle MPC: which path can be tracked."""

@@ -1,0 +1,1 @@
+"""Contact constraints of the physics step and their solver, differentiated at its solution."""

@@ -1,0 +1,148 @@
+"""Several processes, on one machine or on many, that work as one: how they come together, share and part."""
+
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import orbax.checkpoint as ocp
+from jax.experimental import multihost_utils
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.rendezvous import Member, answer_roll_call, bind_address
+
+_LONGEST_WAIT = 7 * 24 * 3600  # [s] for processes that have more to do
+
+
+@dataclass(frozen=True)
+class ProcessGroup:
+    """Which processes work together; a command by itself if nothing is given.
+
+    Attributes:
+        coordinator: HOST:PORT at which process 0 listens and the others find it; else $IWALKER_COORDINATOR.
+        processes: number of processes that work together; else $IWALKER_PROCESSES.
+        process: number of this one, from 0; else $IWALKER_PROCESS.
+        join_timeout: [s] that the processes wait for each other at the start.
+    """
+
+    coordinator: str | None = None
+    processes: int | None = None
+    process: int | None = None
+    join_timeout: float = 300.0
+
+    def member(self, environment: Mapping[str, str] = os.environ) -> Member | None:
+        """This process of the group, what is missing taken from the environment; None for a command by itself.
+
+        Raises:
+            InputError: for values that are missing or out of range.
+        """
+        coordinator = self.coordinator or environment.get("IWALKER_COORDINATOR")
+        processes = _number(self.processes, "IWALKER_PROCESSES", environment)
+        process = _number(self.process, "IWALKER_PROCESS", environment)
+        given = {"--coordinator HOST:PORT": coordinator, "--processes N": processes, "--process K": process}
+        missing = [name for name, value in given.items() if value is None]
+        if len(missing) == len(given):
+            return None
+        if coordinator is None or processes is None or process is None:
+            raise InputError(f"Several processes need {', '.join(given)}; give also {' and '.join(missing)}.")
+        host, _, port = coordinator.rpartition(":")
+        if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+            raise InputError(f"The coordinator {coordinator!r} is not HOST:PORT, such as 192.168.0.1:8476.")
+        if not 0 <= process < processes:
+            raise InputError(f"There is no process {process} of {processes}; give numbers from 0 to N - 1.")
+        if not 0 < self.join_timeout < float("inf"):
+            raise InputError(f"The processes cannot wait {self.join_timeout} s for each other; give a positive time.")
+        return Member(host.strip("[]"), int(port), process, processes, self.join_timeout)
+
+
+def join(group: ProcessGroup) -> None:
+    """Bring the processes of a group together, if there is more than one; comes before anything is computed.
+
+    Raises:
+        InputError: for bad values, or when the processes do not find each other in time.
+    """
+    member = group.member()
+    if member is None or member.processes == 1:
+        return
+    answer_roll_call(member)
+    host = f"[{member.host}]" if ":" in member.host else member.host
+    jax.distributed.initialize(
+        f"{host}:{member.port}",
+        member.processes,
+        member.process,
+        cluster_detection_method="deactivate",
+        coordinator_bind_address=bind_address(member.port),
+    )
+    say_error = sys.excepthook
+
+    def say_and_leave(*error: Any) -> None:
+        say_error(*error)
+        leave(1)
+
+    sys.excepthook = say_and_leave
+
+
+def is_first() -> bool:
+    """Whether this is the process that prints and writes: number 0, or the only one."""
+    return jax.process_index() == 0
+
+
+def shared(tree: Any) -> Any:
+    """Process 0's values of a tree of arrays whose shapes are the same in every process."""
+    return multihost_utils.broadcast_one_to_all(tree)
+
+
+def place(tree: Any, mesh: Mesh | None, *axes: str) -> Any:
+    """Copy of a tree of arrays on the devices of a mesh: whole on each, or split over the mesh's given axes.
+
+    Every process must hold the same whole arrays. Without a mesh the copy is on the default device.
+    """
+    if mesh is None:
+        return jax.tree.map(lambda leaf: jnp.array(np.asarray(leaf)), tree)
+    sharding = NamedSharding(mesh, PartitionSpec(*axes))
+
+    def placed(leaf: Array) -> Array:
+        whole = np.array(leaf)
+        return jax.make_array_from_callback(whole.shape, sharding, lambda part: whole[part])
+
+    return jax.tree.map(placed, tree)
+
+
+def part(seconds: int = _LONGEST_WAIT) -> None:
+    """Wait until every process has come this far; from here on each is alone.
+
+    Raises:
+        InputError: if another process has failed, or has not come in time.
+    """
+    if not jax.distributed.is_initialized():
+        return
+    try:
+        # Not a collective: those would keep a core busy, and some give up after minutes.
+        ocp.multihost.get_barrier_sync_fn()(key="iwalker_part", timeout_ms=1000 * seconds)
+        jax.distributed.shutdown()
+    except jax.errors.JaxRuntimeError as error:
+        raise InputError("Another process has failed; see what it says, and start all of them again.") from error
+
+
+def leave(status: int) -> NoReturn:
+    """End this process with an exit status; if others still work with it, they then end too instead of waiting."""
+    if jax.distributed.is_initialized():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    raise SystemExit(status)
+
+
+def _number(given: int | None, variable: str, environment: Mapping[str, str]) -> int | None:
+    text = environment.get(variable)
+    if given is not None or text is None:
+        return given
+    if not text.isdecimal():
+        raise InputError(f"${variable} is {text!r}; give a whole number.")
+    return int(text)

@@ -1,0 +1,1 @@
+"""Scenes that are generated or designed by hand."""

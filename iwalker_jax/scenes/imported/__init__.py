@@ -1,0 +1,1 @@
+"""Scenes from a user's own MJCF and mesh files."""

@@ -1,0 +1,232 @@
+"""A user's own scene, an MJCF model or a mesh, as boxes and cylinders that the whole loop can walk among.
+
+The camera's depth and the body's collisions are both computed on the converted scene, because rays and distances
+compile and batch with the rest of the loop there; while the robot walks, nobody casts rays at the original or measures
+distances to it. Upright boxes and cylinders are taken over as they are, round solids as stacks of discs 5 cm high, and
+everything else as boxes merged from voxels of 5 cm, or up to 15 cm where finer ones do not fit. Those boxes stand out
+of the original surface by a voxel's diagonal at most and leave it outside by `UserScene.error` at most; gaps narrower
+than a voxel may close. What ends below 4 cm is left out, and above 2 m whatever is merged. How near the body came to
+the original itself can be measured afterwards: `surface_distance`.
+"""
+
+import math
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.scenes.imported.mesh_shapes import MESH_SUFFIXES, SolidShapes, read_mesh, split_shapes
+from iwalker_jax.scenes.imported.mjcf_shapes import load_mjcf, shapes_of
+from iwalker_jax.scenes.imported.voxel_boxes import Bounds, VoxelBoxes, sample_surface, voxel_boxes
+from iwalker_jax.scenes.scene import BOX_CAPACITY, CYLINDER_CAPACITY, MAX_EXTENT, Scene
+
+VOXELS = (0.05, 0.075, 0.10, 0.15)
+"""[m] sides of voxels, tried in this order until the boxes fit."""
+
+BAND = (0.04, 2.0)
+"""[m] heights between which surfaces are kept: above the floor's unevenness, up to what the camera sees of walls."""
+
+MJCF_SUFFIXES = (".xml", ".mjcf")
+_MARGIN = 2.0
+_SMALLEST, _LARGEST = 0.3, 100.0
+_FLOOR_TOLERANCE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class UserScene:
+    """A converted scene and how true it is to the original.
+
+    Attributes:
+        scene: boxes, cylinders, ceiling and bounds.
+        exact: number of solids that were taken over as they are.
+        discs: number of cylinders in stacks that stand for spheres, cones and the like.
+        merged: number of boxes that stand for everything else.
+        voxel: [m] side of the voxels those were merged from; 0 without any.
+        error: [m] largest distance from the original surface to those boxes, which stand out of it by a voxel's
+            diagonal at most.
+    """
+
+    scene: Scene
+    exact: int
+    discs: int
+    merged: int
+    voxel: float
+    error: float
+
+    def describe(self) -> str:
+        """What became of the original, in a sentence."""
+        text = f"{self.scene.name}: {self.exact} solids taken over exactly"
+        if self.discs:
+            text += f", round ones stacked of {self.discs} discs"
+        if self.merged:
+            text += (
+                f", all else approximated by {self.merged} boxes from voxels of {100 * self.voxel:.3g} cm "
+                f"(surfaces at most {100 * self.error:.1f} cm outside)"
+            )
+        return text + "."
+
+
+def load_user_scene(path: str | PathLike, bounds: Bounds | None = None) -> Scene:
+    """The scene of `convert_user_scene`."""
+    return convert_user_scene(path, bounds).scene
+
+
+def convert_user_scene(path: str | PathLike, bounds: Bounds | None = None) -> UserScene:
+    """A scene from an MJCF model (.xml, .mjcf) or from a mesh, with its floor at z = 0 and lengths in metres.
+
+    Boxes and cylinders that stand upright are exact, other solids of revolution about an upright axis become stacks of
+    discs 5 cm high, and everything else boxes merged from voxels. Movable bodies stand where the model's reference
+    puts them.
+
+    Args:
+        path: of the file.
+        bounds: (x_min, y_min, x_max, y_max) [m] in which the robot may walk; what lies outside is left out. By
+            default the extent of a mesh, or of a model and two metres around it.
+
+    Raises:
+        InputError: the file is missing, unreadable or empty, is larger than `MAX_EXTENT` or seems to be in other
+            units than metres, has its floor elsewhere, or does not fit the capacity of a scene.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    ceiling, margin = None, 0.0
+    if suffix in MJCF_SUFFIXES:
+        shapes = shapes_of(*load_mjcf(file), reach=MAX_EXTENT)
+        ceiling, margin = shapes.ceiling, _MARGIN
+        parts = [split_shapes(mesh) for mesh in shapes.meshes]
+        parts.append(SolidShapes(shapes.boxes, shapes.cylinders))
+    elif suffix in MESH_SUFFIXES:
+        mesh = read_mesh(file)
+        _check_mesh(file, mesh, bounds)
+        parts = [split_shapes(mesh)]
+    else:
+        raise InputError(f"{file} has an unknown ending; give one of {', '.join((*MJCF_SUFFIXES, *MESH_SUFFIXES))}.")
+    boxes = np.reshape([row for part in parts for row in part.boxes], (-1, 7))
+    cylinders = np.reshape([row for part in parts for row in part.cylinders], (-1, 5))
+    discs = np.reshape([row for part in parts for row in part.discs], (-1, 5))
+    rest = [mesh for part in parts for mesh in part.rest]
+    if not (len(boxes) or len(cylinders) or len(discs) or rest):
+        raise InputError(f"{file} has nothing to walk around; add obstacles to the scene.")
+    limits = (
+        _default_bounds(file, boxes, np.concatenate([cylinders, discs]), rest, margin) if bounds is None else bounds
+    )
+    boxes = boxes[_matters(boxes[:, :3], _reach(boxes), boxes[:, 5], limits)]
+    cylinders, discs = (rows[_matters(rows[:, :3], rows[:, [3, 3]], rows[:, 4], limits)] for rows in (cylinders, discs))
+    _check_capacity(file, len(boxes), len(cylinders) + len(discs))
+    voxel, merged = _approximated(file, rest, limits, BOX_CAPACITY - len(boxes))
+    scene = Scene(
+        file.stem,
+        "user",
+        np.concatenate([boxes, merged.boxes]),
+        np.concatenate([cylinders, discs]),
+        limits,
+        ceiling,
+    )
+    if not (len(scene.boxes) or len(scene.cylinders)):
+        raise InputError(f"{file} has nothing above its floor inside {limits}; give other bounds or add obstacles.")
+    exact = len(boxes) + len(cylinders)
+    return UserScene(scene, exact, len(discs), len(merged.boxes), voxel, merged.error)
+
+
+def _check_mesh(file: Path, mesh: trimesh.Trimesh, bounds: Bounds | None) -> None:
+    """Require plausible units and a floor at z = 0."""
+    size = float(mesh.extents.max())
+    if size > _LARGEST:
+        raise InputError(f"{file} spans {size:.0f} m; if it is in millimetres, scale it by 0.001, else cut it.")
+    if size < _SMALLEST:
+        raise InputError(f"{file} spans only {size:.3g} m; scale it to metres.")
+    if bounds is None and mesh.extents[:2].max() > MAX_EXTENT:
+        raise InputError(
+            f"{file} spans {mesh.extents[:2].max():.1f} m; give bounds with sides of at most {MAX_EXTENT:.0f} m."
+        )
+    lowest = float(mesh.bounds[0, 2])
+    level = np.abs(mesh.triangles_center[:, 2]) <= _FLOOR_TOLERANCE
+    has_floor = bool((level & (mesh.face_normals[:, 2] > 0.9)).any())
+    if abs(lowest) > 2 * _FLOOR_TOLERANCE and not has_floor:
+        raise InputError(
+            f"{file} has its lowest point at z = {lowest:.2f} m; move the scene so that its floor is z = 0."
+        )
+
+
+def _reach(boxes: Float[np.ndarray, "n 7"]) -> Float[np.ndarray, "n 2"]:
+    """Half extents [m] of turned boxes along x and y."""
+    cos, sin = np.abs(np.cos(boxes[:, 6])), np.abs(np.sin(boxes[:, 6]))
+    return np.column_stack([cos * boxes[:, 3] + sin * boxes[:, 4], sin * boxes[:, 3] + cos * boxes[:, 4]])
+
+
+def _default_bounds(
+    file: Path,
+    boxes: Float[np.ndarray, "n 7"],
+    cylinders: Float[np.ndarray, "m 5"],
+    meshes: list[trimesh.Trimesh],
+    margin: float,
+) -> Bounds:
+    """The extent of everything that is not larger than a scene may be, and a margin.
+
+    Raises:
+        InputError: the extent is too large.
+    """
+    reach = _reach(boxes)
+    finite = reach.max(axis=1, initial=0.0) < MAX_EXTENT
+    ranges = [(boxes[finite, :2] - reach[finite], boxes[finite, :2] + reach[finite])]
+    ranges.append((cylinders[:, :2] - cylinders[:, 3:4], cylinders[:, :2] + cylinders[:, 3:4]))
+    ranges += [(mesh.bounds[:1, :2], mesh.bounds[1:, :2]) for mesh in meshes]
+    low = np.concatenate([first for first, _ in ranges]).min(axis=0, initial=math.inf)
+    high = np.concatenate([last for _, last in ranges]).max(axis=0, initial=-math.inf)
+    side = float((high - low).max())
+    if not side <= MAX_EXTENT:
+        raise InputError(f"{file} spans {side:.1f} m; give bounds with sides of at most {MAX_EXTENT:.0f} m.")
+    margin = min(margin, (MAX_EXTENT - side) / 2)
+    return (*(low - margin).tolist(), *(high + margin).tolist())
+
+
+def _matters(
+    centres: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, "n 2"], half: Float[np.ndarray, " n"], bounds: Bounds
+) -> np.ndarray:
+    """Whether solids rise above the floor and come within a metre of the bounds."""
+    low, high = np.array(bounds[:2]) - 1, np.array(bounds[2:]) + 1
+    near = ((centres[:, :2] + reach >= low) & (centres[:, :2] - reach <= high)).all(axis=1)
+    return near & (centres[:, 2] + half > BAND[0])
+
+
+def _check_capacity(file: Path, boxes: int, cylinders: int) -> None:
+    if boxes > BOX_CAPACITY or cylinders > CYLINDER_CAPACITY:
+        raise InputError(
+            f"{file} has {boxes} boxes and {cylinders} cylinders but at most {BOX_CAPACITY} and {CYLINDER_CAPACITY} "
+            "fit; merge some or give smaller bounds."
+        )
+
+
+def _approximated(file: Path, meshes: list[trimesh.Trimesh], bounds: Bounds, most: int) -> tuple[float, VoxelBoxes]:
+    """Side [m] of the finest voxels whose boxes fit, and the boxes."""
+    if not meshes:
+        return 0.0, VoxelBoxes(np.empty((0, 7)), 0.0)
+    yaw = _grain(meshes)
+    surfaces = [sample_surface(mesh, VOXELS[0] / 2, BAND, bounds) for mesh in meshes]
+    for pitch in VOXELS:
+        merged = voxel_boxes(surfaces, pitch, BAND, bounds, yaw, most)
+        if merged is not None:
+            return (pitch if len(merged.boxes) else 0.0), merged
+    raise InputError(
+        f"{file} needs more than {most} boxes even with voxels of {100 * VOXELS[-1]:.0f} cm; simplify it or give "
+        "smaller bounds."
+    )
+
+
+def _grain(meshes: list[trimesh.Trimesh]) -> float:
+    """Direction [rad] of most of the upright surface, modulo a right angle."""
+    normals = np.concatenate([mesh.face_normals for mesh in meshes])
+    areas = np.concatenate([mesh.area_faces for mesh in meshes])
+    walls = np.abs(normals[:, 2]) < 0.1
+    degrees = np.degrees(np.arctan2(normals[walls, 1], normals[walls, 0])) % 90
+    if not len(degrees):
+        return 0.0
+    counts = np.bincount(np.round(degrees).astype(int) % 90, weights=areas[walls], minlength=90)
+    peak = int(counts.argmax())
+    offset = (degrees - peak + 45) % 90 - 45
+    near = np.abs(offset) < 1
+    return math.radians(peak + float(np.average(offset[near], weights=areas[walls][near])))

@@ -1,1 +1,0 @@
-"""Scenes, depth rendering and noise, ground-truth routes, and the one module that touches MuJoCo."""

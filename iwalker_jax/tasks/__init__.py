@@ -1,0 +1,1 @@
+"""What a robot is asked to do in an episode: a scene, a start and goals."""

@@ -1,6 +1,0 @@
-"""Recorded depth sequences as data sets: three folder layouts, validated file by file before use."""
-
-from iwalker_jax.training.recordings.recording import Recording, load_recording, validate_recording
-from iwalker_jax.training.recordings.report import FileProblem, RecordingReport
-
-__all__ = ["FileProblem", "Recording", "RecordingReport", "load_recording", "validate_recording"]

@@ -1,0 +1,167 @@
+"""Frame sets: checks on construction, exact round trip, and one sentence for every way a file can be bad."""
+
+import errno
+import hashlib
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from iwalker_jax.data.frames import FrameSet, checksum_file, depth_to_millimetres, load_frames, save_frames
+from iwalker_jax.errors import InputError
+
+FIELDS = ("depth", "mounts", "goals", "poses", "scene_index")
+
+
+def make_frames(**changes) -> FrameSet:
+    rng = np.random.default_rng(3)
+    fields = {
+        "depth": rng.integers(0, 9000, (5, 4, 6)).astype(np.uint16),
+        "mounts": rng.normal(size=(5, 5)).astype(np.float32),
+        "goals": rng.normal(size=(5, 3, 2)).astype(np.float32),
+        "poses": np.full((5, 3), np.nan, np.float32),
+        "scene_index": np.array([0, 0, 1, 1, 1], np.int32),
+        "scene_names": ("kitchen-1", 'a "quoted" name, with comma'),
+    }
+    return FrameSet(**(fields | changes))
+
+
+@pytest.fixture
+def saved(tmp_path):
+    file = tmp_path / "deep" / "frames.npz"
+    save_frames(make_frames(), file)
+    return file
+
+
+def is_one_sentence(text: str) -> bool:
+    return "\n" not in text and text.endswith(".")
+
+
+def test_round_trip_keeps_every_bit(saved):
+    frames, loaded = make_frames(), load_frames(saved)
+    for name in FIELDS:
+        before, after = getattr(frames, name), getattr(loaded, name)
+        assert before.dtype == after.dtype
+        np.testing.assert_array_equal(before, after)
+    assert loaded.scene_names == frames.scene_names
+    assert sorted(path.name for path in saved.parent.iterdir()) == ["frames.npz", "frames.sha256"]
+
+
+def test_the_checksum_is_the_files_sha256(saved):
+    """Oracle: hashlib over the file as it lies on disk."""
+    assert checksum_file(saved).read_text().strip() == hashlib.sha256(saved.read_bytes()).hexdigest()
+
+
+def _truncate(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[:-40])
+
+
+def _alter(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(bytes(content))
+
+
+def _replace(content: bytes):
+    def replace(file: Path) -> None:
+        file.write_bytes(content)
+        checksum_file(file).write_text(hashlib.sha256(content).hexdigest())
+
+    return replace
+
+
+def _npz(**fields) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **fields)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (_truncate, "checksum"),
+        (_alter, "checksum"),
+        (lambda file: file.write_bytes(b""), "checksum"),
+        (lambda file: checksum_file(file).write_text("0" * 64), "checksum"),
+        (lambda file: checksum_file(file).write_bytes(b"\xff\xfe\x00"), "checksum"),
+        (lambda file: checksum_file(file).unlink(), "No such file"),
+        (lambda file: file.unlink(), "No such file"),
+        (_replace(b"these are no frames"), "not a frame set"),
+        (_replace(b""), "not a frame set"),
+        (_replace(_npz(depth=np.zeros((1, 2, 2), np.uint16))), "not a frame set"),
+        (_replace(_npz(**{name: np.zeros(3) for name in FIELDS}, scene_names=np.array('["a"]'))), "not a frame set"),
+        (_replace(_npz(**{name: np.array([None]) for name in FIELDS})), "not a frame set"),
+    ],
+)
+def test_a_bad_file_is_one_sentence(saved, damage, words):
+    damage(saved)
+    with pytest.raises(InputError, match=words) as caught:
+        load_frames(saved)
+    assert is_one_sentence(str(caught.value))
+    assert "make it anew" in str(caught.value)
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_nothing_behind(tmp_path, monkeypatch):
+    def full(self, data):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(InputError, match="No space left on device") as caught:
+        save_frames(make_frames(), tmp_path / "frames.npz")
+    assert is_one_sentence(str(caught.value))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_keeps_the_earlier_file(saved, monkeypatch):
+    """The write that fails must harm neither the earlier frames nor their checksum."""
+    monkeypatch.setattr(Path, "replace", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left")))
+    with pytest.raises(InputError, match="No space left"):
+        save_frames(make_frames(goals=np.ones((5, 3, 2), np.float32)), saved)
+    np.testing.assert_array_equal(load_frames(saved).goals, make_frames().goals)
+
+
+def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path):
+    (tmp_path / "taken").write_text("a file where a folder should be")
+    with pytest.raises(InputError, match="Cannot write") as caught:
+        save_frames(make_frames(), tmp_path / "taken" / "deeper" / "frames.npz")
+    assert is_one_sentence(str(caught.value))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"depth": np.zeros((0, 4, 6), np.uint16)}, "at least one frame"),
+        ({"depth": np.zeros((5, 4, 6), np.float32)}, "uint16"),
+        ({"depth": np.zeros((5, 4), np.uint16)}, "uint16"),
+        ({"mounts": np.zeros((4, 5), np.float32)}, "mounts"),
+        ({"poses": np.zeros((5, 2), np.float32)}, "poses"),
+        ({"goals": np.zeros((5, 2), np.float32)}, "goals"),
+        ({"goals": np.zeros((4, 3, 2), np.float32)}, "goals"),
+        ({"goals": np.zeros((5, 0, 2), np.float32)}, "goals"),
+        ({"scene_index": np.zeros(4, np.int32)}, "scene_index"),
+        ({"scene_index": np.full(5, 2, np.int32)}, "scene_index"),
+        ({"scene_index": np.full(5, -1, np.int32)}, "scene_index"),
+        ({"mounts": np.full((5, 5), np.nan, np.float32)}, "finite"),
+        ({"goals": np.full((5, 3, 2), np.inf, np.float32)}, "finite"),
+    ],
+)
+def test_frames_that_cannot_be_are_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        make_frames(**changes)
+
+
+def test_millimetres_round_and_drop_what_is_no_depth():
+    """Oracle: values worked out by hand."""
+    depth = np.array([[0.0, 1.2344, 1.2346, 64.9], [np.nan, np.inf, -1.0, 65.6]], np.float32)
+    millimetres = depth_to_millimetres(depth)
+    np.testing.assert_array_equal(millimetres, [[0, 1234, 1235, 64900], [0, 0, 0, 0]])
+    assert millimetres.dtype == np.uint16
+
+
+def test_selected_frames_keep_their_fields_together():
+    frames = make_frames()
+    chosen = frames.select(np.array([4, 1]))
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(chosen, name), getattr(frames, name)[[4, 1]])
+    np.testing.assert_allclose(chosen.depth_metres(), frames.depth[[4, 1]] / 1000.0, rtol=1e-6)

@@ -1,0 +1,99 @@
+"""The frame cache: used when whole, made anew when not, and done without when it cannot be written."""
+
+import numpy as np
+import pytest
+
+from iwalker_jax.data import sources as datasets
+from iwalker_jax.data.frames import FrameSet
+from iwalker_jax.data.sources import cache_file, load_training_frames
+from iwalker_jax.errors import InputError
+from iwalker_jax.training.config import DataConfig
+
+SOURCE = DataConfig(frames=3, seed=7)
+
+
+@pytest.fixture
+def generated(monkeypatch):
+    """Replaces the generator by a quick one; returns the list of its calls."""
+    calls = []
+
+    def generate(count, seed, on_progress):
+        calls.append((count, seed))
+        on_progress(count)
+        depth = np.random.default_rng([seed, len(calls)]).integers(0, 9000, (count, 4, 6)).astype(np.uint16)
+        zeros = np.zeros((count, 5), np.float32)
+        return FrameSet(
+            depth, zeros, np.zeros((count, 2, 2), np.float32), zeros[:, :3], np.zeros(count, np.int32), ("one",)
+        )
+
+    monkeypatch.setattr(datasets, "generate_training_frames", generate)
+    return calls
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("IWALKER_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def test_the_second_time_comes_from_the_cache(generated, cache):
+    heard, said = [], []
+    first = load_training_frames(SOURCE, lambda done, total: heard.append((done, total)), said.append)
+    second = load_training_frames(SOURCE, say=said.append)
+    assert generated == [(3, 7)]
+    assert heard == [(3, 3)]
+    assert said == []
+    np.testing.assert_array_equal(first.depth, second.depth)
+    assert cache in cache_file(SOURCE).parents
+
+
+def test_another_recipe_is_another_file(generated, cache):
+    others = {cache_file(source) for source in (SOURCE, DataConfig(frames=4, seed=7), DataConfig(frames=3, seed=8))}
+    assert len(others) == 3
+    load_training_frames(SOURCE)
+    load_training_frames(DataConfig(frames=3, seed=8))
+    assert generated == [(3, 7), (3, 8)]
+
+
+def test_another_generator_makes_the_frames_anew(generated, cache, monkeypatch):
+    load_training_frames(SOURCE)
+    monkeypatch.setattr(datasets, "GENERATOR", datasets.GENERATOR + 1)
+    load_training_frames(SOURCE)
+    assert len(generated) == 2
+
+
+@pytest.mark.parametrize("damage", ["truncated", "no checksum"])
+def test_a_damaged_cache_is_said_and_made_anew(generated, cache, damage):
+    load_training_frames(SOURCE)
+    file = cache_file(SOURCE)
+    if damage == "truncated":
+        file.write_bytes(file.read_bytes()[:-10])
+    else:
+        file.with_suffix(".sha256").unlink()
+    said = []
+    again = load_training_frames(SOURCE, say=said.append)
+    assert len(generated) == 2
+    assert len(said) == 1
+    assert file.stem in said[0]
+    assert "anew" in said[0]
+    assert "\n" not in said[0]
+    np.testing.assert_array_equal(load_training_frames(SOURCE, say=said.append).depth, again.depth)
+    assert len(generated) == 2
+
+
+def test_an_unwritable_cache_is_said_and_done_without(generated, tmp_path, monkeypatch):
+    """The cache folder's name is taken by a file, which stops every user, even an administrator, from writing."""
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("IWALKER_CACHE", str(tmp_path / "file"))
+    said = []
+    assert len(load_training_frames(SOURCE, say=said.append)) == 3
+    assert len(said) == 1
+    assert "Cannot write" in said[0]
+    assert "without the cache" in said[0]
+
+
+def test_a_recording_is_read_and_never_cached(generated, cache, tmp_path):
+    with pytest.raises(InputError, match="no such folder"):
+        load_training_frames(DataConfig(folder=tmp_path / "absent"))
+    assert generated == []
+    assert not cache.exists()

@@ -1,0 +1,151 @@
+"""Films of episodes: what is drawn lies where projections by hand put it; films skip where nothing can be drawn."""
+
+import cv2
+import numpy as np
+import pytest
+
+from iwalker_jax.film.headless import configure_rendering
+
+configure_rendering()
+
+from iwalker_jax.errors import InputError  # noqa: E402
+from iwalker_jax.evaluation.episodes.film import FilmSettings, film_frames, film_model, write_film  # noqa: E402
+from iwalker_jax.evaluation.episodes.film_panels import Plan, depth_panel, left_feet, map_panel  # noqa: E402
+from iwalker_jax.evaluation.episodes.metrics import row_of  # noqa: E402
+from iwalker_jax.evaluation.episodes.pictures import in_true_world  # noqa: E402
+from iwalker_jax.perception.camera import CameraMount, camera_pose  # noqa: E402
+from iwalker_jax.tasks.task import Outcome  # noqa: E402
+from tests.evaluation.episode_records import make_record, make_task, room  # noqa: E402
+
+SMALL = FilmSettings(height=120, pace=5, samples=0)
+SIZE = (480, 270)
+AHEAD = Plan(
+    np.stack([np.linspace(0, 2, 21), np.zeros(21)], axis=1),
+    np.array([[0.1, 0.05], [0.2, -0.05], [0.3, 0.05], [0.4, -0.05]]),
+    np.array([2.0, 1.0]),
+)
+
+
+def coloured(image: np.ndarray, rgb: tuple[int, int, int], tolerance: int = 40) -> np.ndarray:
+    """(n, 2) x and y of the pixels of a colour."""
+    return np.argwhere(np.abs(image.astype(int) - rgb).max(axis=2) < tolerance)[:, ::-1]
+
+
+@pytest.fixture(scope="module")
+def filmed():
+    record = make_record(outcomes=(Outcome.REACHED,), seconds=3.0, images=True)
+    return make_task(), row_of(record, 0)
+
+
+@pytest.fixture(scope="module")
+def drawing(filmed) -> None:
+    """Tests that draw are skipped on machines that cannot."""
+    try:
+        next(film_frames(*filmed, SMALL))
+    except InputError as error:
+        pytest.skip(str(error))
+
+
+def test_the_goal_in_the_depth_image_lies_where_a_pinhole_puts_it():
+    """Oracle: the pinhole equation of a level camera, worked out by hand."""
+    R, p = camera_pose(CameraMount(height=0.5, pitch=0.0, forward=0.0).as_array())
+    image = depth_panel(np.full((90, 160), 3.0), AHEAD, np.asarray(R), np.asarray(p), SIZE)
+    assert image.shape == (270, 480, 3)
+    star = coloured(image, (214, 0, 190)).mean(axis=0)
+    expected = 3 * (np.array([79.5 - 80 * 1.0 / 2.0, 44.5 + 80 * 0.5 / 2.0]) + 0.5)
+    np.testing.assert_allclose(star, expected, atol=2.0)
+    assert len(coloured(image, (217, 38, 38))) > 50
+
+
+def test_nothing_measured_is_dark_and_near_is_brighter_than_far():
+    R, p = (np.asarray(part) for part in camera_pose(CameraMount().as_array()))
+    nowhere = Plan(np.zeros((2, 2)), np.zeros((0, 2)), np.array([-5.0, 0.0]))
+    images = [depth_panel(np.full((90, 160), metres), nowhere, R, p, SIZE) for metres in (0.0, 1.0, 5.0)]
+    dark, near, far = (image[100:200, :100].mean() for image in images)
+    assert dark < far < near
+
+
+def test_the_map_turns_with_the_robot():
+    """Oracle: a block 2 m north of a robot that looks north lies straight ahead, and to its left if it looks east."""
+    occupied = np.zeros((160, 160), bool)
+    occupied[78:82, 118:122] = True
+    here = np.array([10.0, 20.0])
+    for yaw, (ahead, left) in ((np.pi / 2, (2.0, 0.0)), (0.0, (0.0, 2.0))):
+        image = map_panel(occupied, here, np.array([*here, yaw]), AHEAD, SIZE)
+        block = coloured(image, (93, 97, 107), 6).mean(axis=0)
+        np.testing.assert_allclose(block, (240 - 60 * left, 270 - 60 * (ahead + 0.5)), atol=3.0)
+    star = coloured(image, (214, 0, 190), 20).mean(axis=0)
+    np.testing.assert_allclose(star, (240 - 60 * 1.0, 270 - 60 * 2.5), atol=3.0)
+
+
+def test_a_goal_behind_is_an_arrow_at_the_edge():
+    image = map_panel(
+        np.zeros((160, 160), bool), np.zeros(2), np.zeros(3), AHEAD._replace(goal=np.array([0, -9])), SIZE
+    )
+    assert coloured(image, (214, 0, 190), 20)[:, 0].min() > 440
+
+
+def test_left_and_right_feet_are_told_apart():
+    """Whatever the walking direction and whichever foot comes first."""
+    for turn in np.linspace(0, 6, 5):
+        rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        steps = AHEAD.footsteps @ rotation.T
+        np.testing.assert_array_equal(left_feet(steps), [True, False, True, False])
+        np.testing.assert_array_equal(left_feet(steps[1:]), [False, True, False])
+
+
+def test_plans_of_a_robot_that_is_lost_are_drawn_where_it_is():
+    """Oracle: a straight path ahead of a robot that believes to stand at the origin lies ahead of where it stands."""
+    record = row_of(make_record(), 0)
+    lost = record._replace(believed=np.zeros_like(record.believed))
+    drawn = in_true_world(np.array([[0.0, 0.0], [1.0, 0.0]]), lost, 7)
+    x, y, yaw = record.base[6]
+    np.testing.assert_allclose(drawn, [[x, y], [x + np.cos(yaw), y + np.sin(yaw)]], atol=1e-9)
+
+
+def test_walls_are_cut_off_and_what_hangs_above_is_left_out():
+    model = film_model(room(), cut=0.8)
+    names = [model.geom(i).name for i in range(model.ngeom)]
+    boxes = [model.geom(name) for name in names if name.startswith("box")]
+    assert len(boxes) == 6  # without the beam
+    tops = [float(box.pos[2] + box.size[2]) for box in boxes]
+    np.testing.assert_allclose(sorted(tops), [0.4, 0.8, 0.8, 0.8, 0.8, 0.8])
+    assert "ceiling" not in names
+
+
+def test_frames_have_their_size_and_move(drawing, filmed):
+    frames = list(film_frames(*filmed, SMALL))
+    assert len(frames) == -(-len(filmed[1].time) // 5)
+    width, height = SMALL.size
+    assert {frame.shape for frame in frames} == {(height, width, 3)}
+    assert all(frame.std() > 10 for frame in frames)
+    assert (np.abs(frames[3].astype(int) - frames[0])[36:, :160] > 10).mean() > 0.02
+
+
+@pytest.mark.parametrize("suffix", ["webm", "gif"])
+def test_a_film_is_written(drawing, filmed, tmp_path, suffix):
+    file = tmp_path / "new" / f"film.{suffix}"
+    count = write_film(file, *filmed, SMALL)
+    capture = cv2.VideoCapture(str(file))
+    frames = []
+    while (answer := capture.read())[0]:
+        frames.append(answer[1])
+    assert len(frames) == count and frames[0].shape[1::-1] == SMALL.size
+
+
+def test_a_robot_that_broke_is_filmed_up_to_there(drawing, filmed):
+    task, episode = filmed
+    broken = np.array(episode.qpos)
+    broken[11:] = np.nan
+    assert len(list(film_frames(task, episode._replace(qpos=broken), SMALL))) == 3
+
+
+def test_an_episode_without_images_is_one_sentence():
+    with pytest.raises(InputError, match="without images"):
+        next(film_frames(make_task(), row_of(make_record(), 0)))
+
+
+@pytest.mark.parametrize("options", [{"height": 121}, {"pace": 0}, {"cut": 0.0}])
+def test_bad_settings(options):
+    with pytest.raises(InputError):
+        FilmSettings(**options)

@@ -1,0 +1,87 @@
+"""How processes come together: options, and the roll call with everyone there and with someone missing."""
+
+import socket
+import threading
+
+import pytest
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.processes import ProcessGroup
+from iwalker_jax.runtime.rendezvous import Member, answer_roll_call
+from tests.runtime.ports import free_port
+
+
+def test_options_win_over_the_environment():
+    environment = {"IWALKER_COORDINATOR": "far:1", "IWALKER_PROCESSES": "4", "IWALKER_PROCESS": "3"}
+    assert ProcessGroup().member({}) is None
+    assert ProcessGroup().member(environment) == Member("far", 1, 3, 4, 300.0)
+    assert ProcessGroup("[::1]:8476", process=0, join_timeout=5).member(environment) == Member("::1", 8476, 0, 4, 5)
+
+
+@pytest.mark.parametrize(
+    ("options", "environment", "words"),
+    [
+        ({"coordinator": "a:1"}, {}, "give also --processes N and --process K"),
+        ({"coordinator": "a:1", "processes": 2, "process": 2}, {}, "no process 2 of 2"),
+        ({"coordinator": "a:1", "processes": 2, "process": -1}, {}, "no process -1 of 2"),
+        ({"coordinator": "a:1", "processes": 0, "process": 0}, {}, "no process 0 of 0"),
+        ({"coordinator": "a", "processes": 2, "process": 0}, {}, "HOST:PORT"),
+        ({"coordinator": "a:99999", "processes": 2, "process": 0}, {}, "HOST:PORT"),
+        ({"coordinator": "a:1", "process": 0}, {"IWALKER_PROCESSES": "two"}, "IWALKER_PROCESSES is 'two'"),
+        ({"coordinator": "a:1", "processes": 2, "process": 0, "join_timeout": float("nan")}, {}, "positive time"),
+    ],
+)
+def test_bad_options(options, environment, words):
+    with pytest.raises(InputError, match=words):
+        ProcessGroup(**options).member(environment)
+
+
+def roll_call(*members: Member) -> list[str]:
+    """What each member hears: an error's sentence, or nothing."""
+    heard = [""] * len(members)
+
+    def answer(k: int) -> None:
+        try:
+            answer_roll_call(members[k])
+        except InputError as error:
+            heard[k] = str(error)
+
+    threads = [threading.Thread(target=answer, args=(k,), daemon=True) for k in range(len(members))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(20)
+        assert not thread.is_alive()
+    return heard
+
+
+def test_a_full_roll_call_lets_everyone_go_on():
+    port = free_port()
+    assert roll_call(*(Member("localhost", port, k, 3, 15) for k in (2, 0, 1))) == ["", "", ""]
+
+
+@pytest.mark.parametrize(
+    ("answers", "calls_out", "others"),
+    [
+        ((), "1 did not come", ()),
+        (((1, 3),), "1 did not come", ("no place for process 1 of 3",)),
+        (((1, 1),), "1 did not come", ("no place for process 1 of 1",)),
+    ],
+)
+def test_who_is_missing_is_said(answers, calls_out, others):
+    port = free_port()
+    members = [Member("localhost", port, 0, 2, 1), *(Member("localhost", port, *answer, 1) for answer in answers)]
+    first, *rest = roll_call(*members)
+    assert calls_out in first
+    assert all(words in sentence for words, sentence in zip(others, rest, strict=True))
+
+
+def test_a_coordinator_that_is_not_there_is_said():
+    (sentence,) = roll_call(Member("localhost", free_port(), 1, 2, 0.5))
+    assert "No process 0 was found" in sentence
+
+
+def test_a_port_in_use_is_said():
+    with socket.create_server(("", 0)) as taken:
+        (sentence,) = roll_call(Member("localhost", taken.getsockname()[1], 0, 2, 0.5))
+    assert "cannot be used" in sentence
