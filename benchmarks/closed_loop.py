@@ -38,10 +38,14 @@ from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E40
 from iwalker_jax.perception.collision_map import DEFAULT_RULES  # noqa: E402
 from iwalker_jax.perception.depth_cleanup import clean_depth  # noqa: E402
 from iwalker_jax.perception.distance_field import signed_distance_field  # noqa: E402
-from iwalker_jax.perception.grid import DEFAULT_GRID  # noqa: E402
+from iwalker_jax.perception.grid import (  # noqa: E402
+    DEFAULT_GRID,
+    halved,
+    pool_2x2,
+    softened,
+)
 from iwalker_jax.perception.local_map import free_and_occupied  # noqa: E402
 from iwalker_jax.perception.seen_route import best_routes  # noqa: E402
-from iwalker_jax.perception.traversal import halved, pool_2x2, softened  # noqa: E402
 from iwalker_jax.planning.ipath import IPathConfig  # noqa: E402
 from iwalker_jax.planning.planner import Planner, PlannerConfig  # noqa: E402
 from iwalker_jax.robot.rigid_body import rigid_body_terms  # noqa: E402

@@ -23,7 +23,7 @@ from flax import nnx  # noqa: E402
 
 from benchmarks.timing import in_turns, timed  # noqa: E402
 from iwalker_jax.data.frames import DEPTH_UNIT, FrameSet  # noqa: E402
-from iwalker_jax.data.sources import load_training_frames  # noqa: E402
+from iwalker_jax.data.sources import DataConfig, load_training_frames  # noqa: E402
 from iwalker_jax.geometry.splines import resample_by_arc_length  # noqa: E402
 from iwalker_jax.optimization.steps.mpc import solve_step_mpc  # noqa: E402
 from iwalker_jax.optimization.unicycle.model import initial_state_from_reference  # noqa: E402
@@ -31,7 +31,7 @@ from iwalker_jax.optimization.unicycle.mpc import solve_unicycle  # noqa: E402
 from iwalker_jax.planning.robot_state import pre_impact_planes  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 from iwalker_jax.training.batches import Batch, frame_order, gather_batch  # noqa: E402
-from iwalker_jax.training.config import DataConfig, TrainConfig, paper_preset  # noqa: E402
+from iwalker_jax.training.config import TrainConfig, paper_preset  # noqa: E402
 from iwalker_jax.training.maps import TrainingData, frame_maps, prepare  # noqa: E402
 from iwalker_jax.training.train_step import (  # noqa: E402
     initial_state,

@@ -25,8 +25,8 @@ from iwalker_jax.data.walked import frames_from_episodes
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
+from iwalker_jax.navigation.record import Outcome
 from iwalker_jax.tasks.generated import training_task
-from iwalker_jax.tasks.task import Outcome
 
 
 @dataclass(frozen=True)

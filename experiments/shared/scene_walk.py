@@ -21,6 +21,7 @@ from iwalker_jax.evaluation.episodes.surface_distance import AROUND, original_su
 from iwalker_jax.navigation.body_volume import BodyVolume
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
+from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene
 from iwalker_jax.scenes.imported.voxel_boxes import Bounds
 from iwalker_jax.scenes.routes import DEFAULT_ROUTE_RULES
@@ -33,7 +34,7 @@ from iwalker_jax.tasks.routes import (
     single_precision,
     time_limit,
 )
-from iwalker_jax.tasks.task import SENTENCES, EpisodeRecord, Outcome, Task
+from iwalker_jax.tasks.task import Task
 from iwalker_jax.walking.setup import Disturbances, Sensors
 
 PRETRAINED = "pretrained"

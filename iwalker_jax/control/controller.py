@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
-from iwalker_jax.control.gait import GaitReference, GaitState, Posture, advance_gait, initial_gait
+from iwalker_jax.control.gait import advance_gait, initial_gait
+from iwalker_jax.control.gait_state import GaitReference, GaitState, Posture
 from iwalker_jax.control.parameters import GaitParameters, TaskParameters
 from iwalker_jax.control.stepping import SteppingGains, stepping_gains
 from iwalker_jax.control.tasks import Task, angular_momentum_task, com_task, foot_task, stack, torso_task

@@ -1,104 +1,19 @@
 """Step clock: stand, shift, walk, stop; what each foot, the COM and the torso shall do at this tick."""
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
+from iwalker_jax.control.gait_state import GaitMode, GaitReference, GaitState, Posture
 from iwalker_jax.control.parameters import GaitParameters, LegEffect
 from iwalker_jax.control.stepping import SteppingGains, choose_step, flow
 from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
 from iwalker_jax.geometry.planar import turn
+from iwalker_jax.geometry.rotations import angle_between
 
-STAND, SHIFT, WALK = 0, 1, 2
 _DONE = 0.999  # phase at which a swing counts as over
-
-
-class GaitState(NamedTuple):
-    """Memory of the step clock. Feet are indexed 0 right, 1 left.
-
-    Attributes:
-        mode: () int32, STAND, SHIFT or WALK.
-        time: () [s] in the present mode; in WALK since the last touchdown.
-        phase: () 0..1 through the present swing.
-        late: () [s] since the swing foot should have met the floor.
-        stance: () int32, the stance foot (in STAND and SHIFT the one that will carry the first step).
-        step: () int32, footsteps taken.
-        swing: horizontal reference of the swing foot (2,), world frame.
-        lift_off: (2,) height above the stance foot [m] and yaw [rad] of the swing foot when it left the floor.
-        target: (3,) x, y [m] and yaw [rad] of the present footstep.
-        heading: () [rad] of the torso's reference at the last touchdown.
-        com_start: (2,) [m] where the COM's standing reference started from.
-        home: (2, 3) x, y [m] and yaw [rad] of both feet where a robot without a plan steps on the spot: the start,
-            or where it began to tip.
-        offset: (2,) [m] by which the plan has been moved.
-        residual: (2, 2, 2, 2) learned errors of the pendulum's pre-impact prediction: stance side; made at touchdown
-            or at the freeze; sagittal or lateral; position [m] or velocity [m/s].
-        stride: () [m] planned sagittal length of the present step.
-        pendulum: (2, 2, 2) pendulums started at the last touchdown and at the freeze: plane, position and velocity.
-    """
-
-    mode: Int[Array, ""]
-    time: Float[Array, ""]
-    phase: Float[Array, ""]
-    late: Float[Array, ""]
-    stance: Int[Array, ""]
-    step: Int[Array, ""]
-    swing: Motion
-    lift_off: Float[Array, "2"]
-    target: Float[Array, "3"]
-    heading: Float[Array, ""]
-    com_start: Float[Array, "2"]
-    home: Float[Array, "2 3"]
-    offset: Float[Array, "2"]
-    residual: Float[Array, "2 2 2 2"]
-    stride: Float[Array, ""]
-    pendulum: Float[Array, "2 2 2"]
-
-
-class Posture(NamedTuple):
-    """What the step clock needs to know of the robot, world frame.
-
-    Attributes:
-        com, com_velocity: (3,) [m, m/s].
-        feet: (2, 3) [m] middle of each line foot.
-        foot_yaws: (2,) [rad].
-        touching: (2,) bool, feet that press on the floor.
-    """
-
-    com: Float[Array, "3"]
-    com_velocity: Float[Array, "3"]
-    feet: Float[Array, "2 3"]
-    foot_yaws: Float[Array, "2"]
-    touching: Float[Array, "2"]
-
-
-class GaitReference(NamedTuple):
-    """What the whole body shall do at this tick, world frame.
-
-    Attributes:
-        stance: (2,) 1 for feet that carry, 0 for the swing foot.
-        foot: (3,) motion of the swing foot.
-        foot_yaw: () motion of its yaw.
-        com_acceleration: (2,) [m/s^2] horizontal.
-        com_height: () [m].
-        heading: () motion of the torso's yaw.
-    """
-
-    stance: Float[Array, "2"]
-    foot: Motion
-    foot_yaw: Motion
-    com_acceleration: Float[Array, "2"]
-    com_height: Float[Array, ""]
-    heading: Motion
-
-
-def angle_between(to: Float[Array, "*n"], start: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """to - start [rad], wrapped into (-pi, pi]."""
-    return jnp.arctan2(jnp.sin(to - start), jnp.cos(to - start))
 
 
 def initial_gait(gait: GaitParameters, posture: Posture) -> GaitState:
@@ -167,7 +82,7 @@ def advance_gait(
 ) -> tuple[GaitState, GaitReference]:
     """One tick of the step clock: finish steps and modes that are due, then say what to do now."""
     state = _change_mode(gait, gains, posture, plan, state)
-    walking = state.mode == WALK
+    walking = state.mode == GaitMode.WALK
     stance_foot = posture.feet[state.stance]
     swing_foot = posture.feet[1 - state.stance]
     rate = gains.rate
@@ -215,7 +130,7 @@ def advance_gait(
 
     # Standing: the divergent component is pulled to the middle of the feet, or to where the first step starts.
     middle = (posture.feet[0, :2] + posture.feet[1, :2]) / 2
-    goal = jnp.where(state.mode == SHIFT, _first_stance_point(gait, rate, posture, plan, state), middle)
+    goal = jnp.where(state.mode == GaitMode.SHIFT, _first_stance_point(gait, rate, posture, plan, state), middle)
     share = jnp.clip(state.time / gait.shift_time, 0, 1)
     blend = share**2 * (3 - 2 * share)
     reference = state.com_start + blend * (goal - state.com_start)
@@ -290,12 +205,12 @@ def _change_mode(
     divergent = _between_feet(posture, posture.com[:2] + posture.com_velocity[:2] / gains.rate)
     planned = state.step < plan.count
     outside = (jnp.abs(divergent[0]) > gait.tip_forward) | (jnp.abs(divergent[1]) > 1 + gait.tip_sideways)
-    tips = (state.mode != WALK) & outside
-    start = (state.mode == STAND) & planned & (state.time >= gait.stand_time) & ~tips
-    lift = ((state.mode == SHIFT) & (state.time >= gait.shift_time + gait.settle_time)) | tips
+    tips = (state.mode != GaitMode.WALK) & outside
+    start = (state.mode == GaitMode.STAND) & planned & (state.time >= gait.stand_time) & ~tips
+    lift = ((state.mode == GaitMode.SHIFT) & (state.time >= gait.shift_time + gait.settle_time)) | tips
     touches = posture.touching[1 - state.stance]
     due = (state.phase >= _DONE) & (touches | (state.late >= gait.late_touchdown))
-    land = (state.mode == WALK) & (due | (touches & (state.phase > 0.5) & gait.early_touchdown))
+    land = (state.mode == GaitMode.WALK) & (due | (touches & (state.phase > 0.5) & gait.early_touchdown))
 
     # Touchdown: learn, move the plan if it cannot be kept, exchange the feet.
     learned = _learn(gait, posture, state)
@@ -325,7 +240,9 @@ def _change_mode(
     )
     aim, _, _ = planned_footsteps(plan, moved, 1)
     stride = turn(-posture.foot_yaws[new_stance], aim[0] - lifted[:2])[0] / 2
-    mode = jnp.where(start, SHIFT, jnp.where(begin, WALK, jnp.where(stop, STAND, state.mode))).astype(jnp.int32)
+    mode = jnp.where(
+        start, GaitMode.SHIFT, jnp.where(begin, GaitMode.WALK, jnp.where(stop, GaitMode.STAND, state.mode))
+    ).astype(jnp.int32)
     return moved._replace(
         mode=mode,
         time=jnp.where(changed, 0.0, state.time),
@@ -349,7 +266,7 @@ def _change_mode(
 def _reference_heading(posture: Posture, state: GaitState) -> Float[Array, ""]:
     """Where the torso's reference has arrived: between the stance foot and the footstep just aimed at."""
     landed = posture.foot_yaws[state.stance] + angle_between(state.target[2], posture.foot_yaws[state.stance]) / 2
-    return jnp.where(state.mode == WALK, landed, _mean_yaw(posture.foot_yaws))
+    return jnp.where(state.mode == GaitMode.WALK, landed, _mean_yaw(posture.foot_yaws))
 
 
 def _stride_error(effect: LegEffect, stride: Float[Array, ""]) -> Float[Array, "2 2 2"]:

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from iwalker_jax.control.gait import angle_between
 from iwalker_jax.control.parameters import TaskParameters
 from iwalker_jax.control.swing import Motion
+from iwalker_jax.geometry.rotations import angle_between
 from iwalker_jax.robot.rigid_body import RigidBodyTerms
 
 

@@ -13,9 +13,8 @@ from iwalker_jax.data.recordings import load_recording
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
-from iwalker_jax.perception.grid import DEFAULT_GRID
+from iwalker_jax.perception.grid import DEFAULT_GRID, halved, pool_2x2
 from iwalker_jax.perception.local_map import build_local_map
-from iwalker_jax.perception.traversal import halved, pool_2x2
 
 _GRID = halved(DEFAULT_GRID)
 _CLEARANCE = 0.2

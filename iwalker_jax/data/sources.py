@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,26 @@ from iwalker_jax.data.generated_walk import WalkSampling
 from iwalker_jax.data.recorded import frames_from_recording
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.settings import default_cache_folder
-from iwalker_jax.training.config import DataConfig
 
 GENERATOR = 1
 """Raised whenever the same seed would give other frames, so that cached ones are made anew."""
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """What to train on.
+
+    Attributes:
+        folder: a recording of your own; None generates synthetic scenes.
+        frames: number of synthetic frames; the paper has 1185.
+        seed: of layouts, walks and noise.
+        walks: file of frames from the robot's own walks (`experiments.collect`), added to the others.
+    """
+
+    folder: Path | None = None
+    frames: int = 1185
+    seed: int = 0
+    walks: Path | None = None
 
 
 def load_training_frames(

@@ -16,7 +16,8 @@ from iwalker_jax.data.generated import concatenate_walks
 from iwalker_jax.data.generated_walk import WalkSampling, cells_that_reach, reachable_goals
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.camera import RobotCamera, camera_in_world, measured_mount
-from iwalker_jax.tasks.task import EpisodeRecord, Outcome, Task
+from iwalker_jax.navigation.record import EpisodeRecord, Outcome
+from iwalker_jax.tasks.task import Task
 
 
 def frames_from_episodes(

@@ -1,14 +1,11 @@
 """What the state estimator believes about its sensors, once, with units."""
 
 from dataclasses import dataclass, fields
-from typing import Any
 
 import jax
 
+from iwalker_jax.checks import Scalar
 from iwalker_jax.errors import InputError
-
-Scalar = Any
-"""A Python float, or a traced () array when derivatives with respect to it are wanted."""
 
 
 @jax.tree_util.register_dataclass

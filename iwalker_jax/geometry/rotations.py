@@ -76,3 +76,8 @@ def tilt_error(
 def _unit(quaternion: Float[Array, "4"]) -> Float[Array, "4"]:
     """Scaled to unit length."""
     return quaternion / jnp.sqrt(jnp.sum(quaternion * quaternion))
+
+
+def angle_between(to: Float[Array, "*n"], start: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """to - start [rad], wrapped into (-pi, pi]."""
+    return jnp.arctan2(jnp.sin(to - start), jnp.cos(to - start))

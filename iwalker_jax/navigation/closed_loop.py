@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.control.controller import posture_of
 from iwalker_jax.control.footstep_plan import FootstepPlan
-from iwalker_jax.control.gait import STAND, WALK
+from iwalker_jax.control.gait_state import GaitMode
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import estimated_qpos_qvel
 from iwalker_jax.navigation.body_volume import BodyVolume, body_clearance_at
@@ -27,12 +27,13 @@ from iwalker_jax.navigation.depth_camera import DepthCameraState, start_depth_ca
 from iwalker_jax.navigation.faults import Faults, obstacles_at, within
 from iwalker_jax.navigation.guide import Guidance, GuideRules, Sight, guide
 from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, remembered
+from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.navigation.step_planning import PursuitRules, Stance, plan_steps, stop_steps
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.robot.rigid_body import rigid_body_terms
 from iwalker_jax.scenes.depth_noise import DepthNoise
-from iwalker_jax.tasks.task import EpisodeRecord, Outcome, TaskArrays
+from iwalker_jax.tasks.task import TaskArrays
 from iwalker_jax.walking.rollout import Conditions, Sample, Walker, WalkState, start_walk, walk_tick
 
 
@@ -193,7 +194,7 @@ def camera_frame(
     look = partial(_walk_on, navigator, scene, conditions, wish)
     state, (samples, clearances) = jax.lax.scan(look, state, None, length=navigator.loop.looks)
 
-    stands = state.walk.mind.controller.gait.mode == STAND
+    stands = state.walk.mind.controller.gait.mode == GaitMode.STAND
     outcome = state.outcome
     for ended, meaning in (
         (time >= task.time_limit, Outcome.TIMED_OUT),
@@ -279,9 +280,9 @@ def _walk_on(
 def _with_footsteps(navigator: Navigator, wish: Wish, state: LoopState) -> LoopState:
     """The state with new footsteps, if a step has begun or a standing robot is to go."""
     gait = state.walk.mind.controller.gait
-    stands = gait.mode == STAND
+    stands = gait.mode == GaitMode.STAND
     # A new plan begins with the step under way; a robot without one may be stepping to catch itself.
-    begun = (gait.mode == WALK) & ((gait.step > 0) | (state.plan.count == 0)) & ~state.stopping
+    begun = (gait.mode == GaitMode.WALK) & ((gait.step > 0) | (state.plan.count == 0)) & ~state.stopping
     go = stands & ~wish.stop
     terms = rigid_body_terms(navigator.walker.robot, *_believed_state(navigator, state.walk))
     posture = posture_of(terms, state.walk.mind.touching)

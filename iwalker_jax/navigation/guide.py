@@ -17,10 +17,10 @@ from iwalker_jax.perception.collision_map import DEFAULT_RULES
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
 from iwalker_jax.perception.depth_cleanup import clean_depth
 from iwalker_jax.perception.distance_field import signed_distance_field
-from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
+from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec, halved, pool_2x2, softened
 from iwalker_jax.perception.local_map import free_and_occupied
 from iwalker_jax.perception.seen_route import best_routes
-from iwalker_jax.perception.traversal import TraversalRules, halved, pool_2x2, softened, traversal_cost
+from iwalker_jax.perception.traversal import TraversalRules, traversal_cost
 from iwalker_jax.planning.planner import Planner
 
 PathSource = Literal["network", "guided", "route"]

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
-from iwalker_jax.control.gait import angle_between
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.planar import to_base, to_world, turn
+from iwalker_jax.geometry.rotations import angle_between
 from iwalker_jax.geometry.splines import arc_length, interpolate_along, resample_by_arc_length
 from iwalker_jax.planning.istepper import IStepper
 from iwalker_jax.planning.planner import PATH_POINTS

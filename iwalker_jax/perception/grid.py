@@ -68,3 +68,22 @@ DEFAULT_GRID = GridSpec()
 
 PUBLISHED_GRID = GridSpec(x_min=0.0, y_min=-5.0, resolution=0.1, rows=100, columns=100)
 """The paper's 10 m x 10 m grid in 10 cm cells with the robot at the bottom centre."""
+
+
+def halved(grid: GridSpec) -> GridSpec:
+    """The grid with cells twice as large, over the same ground (an odd last row or column is dropped)."""
+    return GridSpec(grid.x_min, grid.y_min, 2 * grid.resolution, grid.rows // 2, grid.columns // 2)
+
+
+def pool_2x2(field: Float[Array, "rows columns"]) -> Float[Array, "half_rows half_columns"]:
+    """Mean of every 2 x 2 block: the field on the `halved` grid."""
+    rows, columns = field.shape[0] // 2, field.shape[1] // 2
+    return field[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2).mean(axis=(1, 3))
+
+
+def softened(field: Float[Array, "rows columns"]) -> Float[Array, "rows columns"]:
+    """Mean of each cell and its eight neighbours: single unseen cells vanish, and borders become slopes."""
+    padded = jnp.pad(field, 1, mode="edge")
+    rows, columns = field.shape
+    shifts = [padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)]
+    return jnp.mean(jnp.stack(shifts), axis=0)

@@ -7,9 +7,8 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.geometry.splines import resample_by_arc_length
 from iwalker_jax.perception.cost_to_go import descend
-from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
+from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec, halved
 from iwalker_jax.perception.map_sampling import sample_bilinear
-from iwalker_jax.perception.traversal import halved
 
 ROUTE_GRID = halved(DEFAULT_GRID)
 """10 cm cells are fine enough for routes; clearance itself is sampled from the 5 cm distance field."""

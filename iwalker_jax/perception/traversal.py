@@ -6,7 +6,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.grid import GridSpec
 
 
 @dataclass(frozen=True)
@@ -44,22 +43,3 @@ def traversal_cost(
     touching = jnp.clip((rules.body_radius - clearance) / rules.contact_ramp + 0.5, 0.0, 1.0)
     smooth = touching * touching * (3.0 - 2.0 * touching)
     return 1.0 + rules.discomfort * tightness**2 + rules.contact * smooth + rules.unknown * unknown
-
-
-def halved(grid: GridSpec) -> GridSpec:
-    """The grid with cells twice as large, over the same ground (an odd last row or column is dropped)."""
-    return GridSpec(grid.x_min, grid.y_min, 2 * grid.resolution, grid.rows // 2, grid.columns // 2)
-
-
-def pool_2x2(field: Float[Array, "rows columns"]) -> Float[Array, "half_rows half_columns"]:
-    """Mean of every 2 x 2 block: the field on the `halved` grid."""
-    rows, columns = field.shape[0] // 2, field.shape[1] // 2
-    return field[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2).mean(axis=(1, 3))
-
-
-def softened(field: Float[Array, "rows columns"]) -> Float[Array, "rows columns"]:
-    """Mean of each cell and its eight neighbours: single unseen cells vanish, and borders become slopes."""
-    padded = jnp.pad(field, 1, mode="edge")
-    rows, columns = field.shape
-    shifts = [padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)]
-    return jnp.mean(jnp.stack(shifts), axis=0)

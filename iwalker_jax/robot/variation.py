@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from iwalker_jax.optimization.steps.hlip import Scalar
+from iwalker_jax.checks import Scalar
 from iwalker_jax.robot.model import RobotModel
 
 

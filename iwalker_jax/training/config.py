@@ -6,34 +6,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from iwalker_jax.data.sources import DataConfig
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import GradientMode
 from iwalker_jax.planning.ipath import IPathConfig
+from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import PlannerConfig
-from iwalker_jax.training.losses import LossWeights, PlannerModels
+from iwalker_jax.training.losses import LossWeights
 from iwalker_jax.training.ppo import PpoSettings
 
 Method = Literal["iwalker", "iplanner", "finetuned", "ppo"]
 """iwalker: both bilevel losses. iplanner: heuristic path losses. finetuned: heuristic path losses and U_path's
 tracking term, to train iplanner's networks further. ppo: minus U_path is a reward. In all but iwalker iStepper learns
 from U_step on top, without its gradient into iPath."""
-
-
-@dataclass(frozen=True)
-class DataConfig:
-    """What to train on.
-
-    Attributes:
-        folder: a recording of your own; None generates synthetic scenes.
-        frames: number of synthetic frames; the paper has 1185.
-        seed: of layouts, walks and noise.
-        walks: file of frames from the robot's own walks (`experiments.collect`), added to the others.
-    """
-
-    folder: Path | None = None
-    frames: int = 1185
-    seed: int = 0
-    walks: Path | None = None
 
 
 @dataclass(frozen=True)

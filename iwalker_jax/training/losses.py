@@ -10,17 +10,16 @@ from jaxtyping import Array, Bool, Float
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.splines import resample_by_arc_length, safe_norm
 from iwalker_jax.optimization.solution import GradientMode
-from iwalker_jax.optimization.steps.hlip import HlipParameters
 from iwalker_jax.optimization.steps.mpc import solve_step_mpc
-from iwalker_jax.optimization.steps.problem import StepMpcWeights
-from iwalker_jax.optimization.unicycle.model import UnicycleParameters, initial_state_from_reference
+from iwalker_jax.optimization.unicycle.model import initial_state_from_reference
 from iwalker_jax.optimization.unicycle.mpc import solve_unicycle
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
 from iwalker_jax.perception.seen_route import ROUTE_GRID
-from iwalker_jax.perception.traversal import TraversalRules, traversal_cost
+from iwalker_jax.perception.traversal import traversal_cost
 from iwalker_jax.planning.footsteps import closest_on_path, footstep_sides
-from iwalker_jax.planning.robot_state import RobotState, StepGeometry, pre_impact_planes
+from iwalker_jax.planning.models import PlannerModels
+from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes
 from iwalker_jax.training.maps import FrameMaps
 
 _ROUTE_SOFTNESS = 0.05  # [m] below which the distance to the route counts quadratically
@@ -80,28 +79,6 @@ class LossWeights:
     def ask_low_level(self) -> bool:
         """Whether any term needs the robot and its controller."""
         return max(self.torque_margin, self.shortfall, self.placement) > 0
-
-
-@dataclass(frozen=True)
-class PlannerModels:
-    """The models that the two lower-level optimisations and the costs are made of.
-
-    Attributes:
-        unicycle: the path MPC.
-        hlip, step_weights: the step MPC.
-        steps: desired foot placement.
-        traversal: cost of walking through the map.
-        safety_margin: [m] clearance beyond the body radius that the collision terms ask for.
-        blind_walking: extra cost per metre of a path (not of the cost-to-go) through space that was not seen.
-    """
-
-    unicycle: UnicycleParameters = UnicycleParameters()
-    hlip: HlipParameters = HlipParameters()
-    step_weights: StepMpcWeights = StepMpcWeights()
-    steps: StepGeometry = StepGeometry()
-    traversal: TraversalRules = TraversalRules()
-    safety_margin: float = 0.10
-    blind_walking: float = 4.5
 
 
 class PathLosses(NamedTuple):

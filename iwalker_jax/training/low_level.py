@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from bruce_model import load_mujoco
 from iwalker_jax.control.controller import Controller, make_controller, whole_body_tasks
-from iwalker_jax.control.gait import GaitReference
+from iwalker_jax.control.gait_state import GaitReference
 from iwalker_jax.control.stepping import choose_step, flow
 from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
 from iwalker_jax.control.whole_body import CONTACT_FEET, GRAVITY, reduced_dynamics, whole_body_program

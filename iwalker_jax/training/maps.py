@@ -9,9 +9,10 @@ from jaxtyping import Array, Float
 from iwalker_jax.data.frames import DEPTH_UNIT, FrameSet
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.cost_to_go import cost_to_go
+from iwalker_jax.perception.grid import pool_2x2, softened
 from iwalker_jax.perception.local_map import build_local_map
 from iwalker_jax.perception.seen_route import ROUTE_GRID, best_routes
-from iwalker_jax.perception.traversal import TraversalRules, pool_2x2, softened, traversal_cost
+from iwalker_jax.perception.traversal import TraversalRules, traversal_cost
 
 
 class TrainingData(NamedTuple):

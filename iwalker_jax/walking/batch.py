@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
-from iwalker_jax.control.gait import STAND
+from iwalker_jax.control.gait_state import GaitMode
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.devices import SplitProgram, chosen_devices
 from iwalker_jax.walking.rollout import Conditions, Sample, Walker, WalkState, roll_out, start_walk
@@ -178,5 +178,5 @@ def _turned_non_finite(sample: Sample) -> Bool[np.ndarray, " batch"]:
 def _at_rest(sample: Sample, count: np.ndarray, interval: float) -> Bool[np.ndarray, " batch"]:
     """Rows that have taken all their footsteps and stand; a robot without a plan is never done."""
     last = max(round(_AT_REST / interval), 1)
-    stands = np.all(sample.mode[:, -last:] == STAND, axis=1)
+    stands = np.all(sample.mode[:, -last:] == GaitMode.STAND, axis=1)
     return stands & (count > 0) & (sample.step[:, -1] >= count)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.control.controller import ControlInfo, Controller, ControllerState, control_step, initial_controller
 from iwalker_jax.control.footstep_plan import FootstepPlan
-from iwalker_jax.control.gait import WALK
+from iwalker_jax.control.gait_state import GaitMode
 from iwalker_jax.control.whole_body import GRAVITY
 from iwalker_jax.estimation import (
     EstimatorParameters,
@@ -217,7 +217,7 @@ def decide(
         sensors, readings = simulate_sensors(walker.noise, sensing.sensors, qpos, qvel, sensing.specific_force)
         readings = readings._replace(image_arrived=readings.image_arrived & ~conditions.images_lost)
         gait = mind.controller.gait
-        carrying = jnp.where(gait.mode == WALK, jax.nn.one_hot(gait.stance, 2), 1.0).astype(qpos.dtype)
+        carrying = jnp.where(gait.mode == GaitMode.WALK, jax.nn.one_hot(gait.stance, 2), 1.0).astype(qpos.dtype)
         estimate = estimate_step(walker.estimator, walker.legs, sensing.estimate, readings, carrying)
         qpos, qvel = estimated_qpos_qvel(estimate)
         sensing = sensing._replace(sensors=sensors, estimate=estimate)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from iwalker_jax.control.footstep_plan import make_plan
-from iwalker_jax.control.gait import STAND, WALK, Posture, advance_gait, initial_gait
+from iwalker_jax.control.gait import advance_gait, initial_gait
+from iwalker_jax.control.gait_state import GaitMode, Posture
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.control.stepping import stepping_gains
 
@@ -45,7 +46,7 @@ def test_steps_when_the_divergent_component_leaves_the_feet(tick, divergent, sta
     advance, rate = tick
     before = initial_gait(GAIT, posture((0.0, 0.0), rate, stagger))
     after, reference = advance(posture(divergent, rate, stagger), NOBODYS_PLAN, before)
-    assert int(after.mode) == (WALK if steps else STAND)
+    assert int(after.mode) == (GaitMode.WALK if steps else GaitMode.STAND)
     if steps:
         loaded = int(divergent[1] > 0)
         assert int(after.stance) == loaded
@@ -57,4 +58,4 @@ def test_a_plan_says_which_foot_steps_first(tick):
     plan = make_plan(np.array([[0.0, 0.05], [0.0, -0.05]]), np.zeros(2), 1, 8)
     before = initial_gait(GAIT, posture((0.0, 0.0), rate))
     after, _ = advance(posture((0.06, 0.01), rate), plan, before)
-    assert (int(after.mode), int(after.stance)) == (WALK, 0)
+    assert (int(after.mode), int(after.stance)) == (GaitMode.WALK, 0)

@@ -5,9 +5,8 @@ import pytest
 
 from iwalker_jax.data import sources as datasets
 from iwalker_jax.data.frames import FrameSet
-from iwalker_jax.data.sources import cache_file, load_training_frames
+from iwalker_jax.data.sources import DataConfig, cache_file, load_training_frames
 from iwalker_jax.errors import InputError
-from iwalker_jax.training.config import DataConfig
 
 SOURCE = DataConfig(frames=3, seed=7)
 

@@ -3,8 +3,9 @@
 import numpy as np
 
 from bruce_model import crouch_qpos
+from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.tasks.task import EpisodeRecord, Outcome, Task
+from iwalker_jax.tasks.task import Task
 
 FRAME = 1.0 / 15.0
 """[s] between camera frames."""

@@ -11,8 +11,9 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.faults import make_faults
 from iwalker_jax.navigation.navigators import make_navigator
+from iwalker_jax.navigation.record import SENTENCES, Outcome
 from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.tasks.task import SENTENCES, Outcome, Task
+from iwalker_jax.tasks.task import Task
 from iwalker_jax.training.pretrained import load_planner
 
 WALLS = np.array(

@@ -6,8 +6,8 @@ import pytest
 from scipy import ndimage
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
-from iwalker_jax.perception.traversal import TraversalRules, halved, pool_2x2, softened, traversal_cost
+from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec, halved, pool_2x2, softened
+from iwalker_jax.perception.traversal import TraversalRules, traversal_cost
 from tests.gradients import assert_gradients_agree
 
 RULES = TraversalRules()

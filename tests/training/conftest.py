@@ -7,10 +7,11 @@ import pytest
 
 from iwalker_jax.data.generated import generate_training_frames
 from iwalker_jax.data.generated_walk import WalkSampling
+from iwalker_jax.data.sources import DataConfig
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.planning.ipath import IPathConfig
 from iwalker_jax.planning.planner import PlannerConfig
-from iwalker_jax.training.config import DataConfig, TrainConfig
+from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.maps import prepare
 
 SMALL = TrainConfig(

@@ -13,17 +13,11 @@ from iwalker_jax.optimization.steps.hlip import HlipParameters
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.seen_route import ROUTE_GRID
 from iwalker_jax.planning.footsteps import nominal_footsteps
+from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import waypoints_to_path
 from iwalker_jax.planning.robot_state import sample_robot_state
 from iwalker_jax.training.batches import gather_batch
-from iwalker_jax.training.losses import (
-    LossWeights,
-    PlannerModels,
-    overlap,
-    path_losses,
-    step_losses,
-    weighted_sum,
-)
+from iwalker_jax.training.losses import LossWeights, overlap, path_losses, step_losses, weighted_sum
 from iwalker_jax.training.maps import FrameMaps
 from iwalker_jax.training.objectives import batch_losses
 from iwalker_jax.training.train_step import make_planner

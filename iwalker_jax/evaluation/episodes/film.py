@@ -20,9 +20,10 @@ from iwalker_jax.film.motion import check_motion, smooth_track
 from iwalker_jax.film.scene_marks import add_footsteps, add_goal, add_path, add_shadow
 from iwalker_jax.film.video import write_frames
 from iwalker_jax.geometry.planar import to_base
+from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
 from iwalker_jax.scenes.mjcf import obstacle_geoms
 from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.tasks.task import SENTENCES, EpisodeRecord, Outcome, Task
+from iwalker_jax.tasks.task import Task
 from iwalker_jax.walking.record import TimedFootsteps
 
 _STRIP = 36  # [px] height of the line of text

@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike
 from iwalker_jax.errors import InputError
 from iwalker_jax.film.motion import smooth_track
 from iwalker_jax.navigation.closed_loop import LoopRules
+from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
 from iwalker_jax.scenes.routes import DEFAULT_ROUTE_RULES, RouteRules, cost_at, shortest_distance
 from iwalker_jax.scenes.scene import SceneArrays
-from iwalker_jax.tasks.task import GOAL_CAPACITY, EpisodeRecord, Outcome, Task
+from iwalker_jax.tasks.task import GOAL_CAPACITY, Task
 
 AHEAD = 0.5
 """[m] along a planned path from its start to where its shaking is measured."""

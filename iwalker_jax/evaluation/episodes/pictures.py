@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks.traces import FOOT_COLOURS, save_figure
 from iwalker_jax.geometry.planar import to_base, to_world
+from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.tasks.task import EpisodeRecord, Outcome, Task
+from iwalker_jax.tasks.task import Task
 
 OUTCOME_COLOURS = {
     Outcome.RUNNING: "0.45",

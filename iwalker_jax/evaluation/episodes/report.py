@@ -10,7 +10,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.study import Study
 from iwalker_jax.evaluation.episodes.tables import COLUMNS, failures, navigation_table
 from iwalker_jax.evaluation.tables import Table, legend, markdown_table
-from iwalker_jax.tasks.task import SENTENCES, Outcome
+from iwalker_jax.navigation.record import SENTENCES, Outcome
 
 _COLOURS = {
     Outcome.REACHED: "#3f9b57",

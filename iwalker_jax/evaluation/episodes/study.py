@@ -23,8 +23,9 @@ from iwalker_jax.evaluation.episodes.walks import (
     key_of,
     walks_of,
 )
+from iwalker_jax.navigation.record import EpisodeRecord
 from iwalker_jax.runtime.processes import is_first, part
-from iwalker_jax.tasks.task import EpisodeRecord, Task
+from iwalker_jax.tasks.task import Task
 
 Groups = dict[tuple[str, str], list[EpisodeMetrics]]
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from iwalker_jax.evaluation.episodes.metrics import ARRIVAL, SLACK, EpisodeMetrics
 from iwalker_jax.evaluation.tables import Column, Table
-from iwalker_jax.tasks.task import Outcome
+from iwalker_jax.navigation.record import Outcome
 
 COLUMNS = (
     Column(

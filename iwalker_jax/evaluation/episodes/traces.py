@@ -10,8 +10,9 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.metrics import judged, row_of
 from iwalker_jax.evaluation.episodes.pictures import save_episode_grid
 from iwalker_jax.evaluation.episodes.walks import Batch, StudySettings
+from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.runtime.files import written_whole
-from iwalker_jax.tasks.task import EpisodeRecord, Outcome, Task
+from iwalker_jax.tasks.task import Task
 
 _PANELS = 16  # episodes on a sheet
 

@@ -13,10 +13,10 @@ from iwalker_jax.optimization.unicycle.mpc import solve_unicycle
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
 from iwalker_jax.perception.grid import PUBLISHED_GRID
 from iwalker_jax.perception.map_sampling import sample_bilinear
+from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes
 from iwalker_jax.scenes.routes import RouteMap, cost_at, straight_line_clearance
 from iwalker_jax.scenes.scene import SceneArrays, obstacle_distance
-from iwalker_jax.training.losses import PlannerModels
 
 GOAL_TOLERANCE = 0.3
 """[m] from the goal within which a path counts as reaching it."""

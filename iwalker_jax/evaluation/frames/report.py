@@ -11,9 +11,9 @@ from iwalker_jax.evaluation.frames.sequences import (
     record_unseen_scenes,
 )
 from iwalker_jax.evaluation.tables import Table, result_row
+from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.scenes.built.sequences import TEST_NAMES
-from iwalker_jax.training.losses import PlannerModels
 
 
 def standard_sequences(

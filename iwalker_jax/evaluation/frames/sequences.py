@@ -25,13 +25,13 @@ from iwalker_jax.evaluation.frames.metrics import (
 )
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.local_map import LocalMap, build_local_map
+from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.planning.robot_state import sample_robot_state
 from iwalker_jax.scenes.built.held_out import held_out_scene
 from iwalker_jax.scenes.built.sequences import TEST_NAMES, test_sequence
 from iwalker_jax.scenes.routes import shortest_distance
 from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.training.losses import PlannerModels
 
 _BATCH = 16
 

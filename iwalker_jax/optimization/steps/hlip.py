@@ -7,17 +7,14 @@ Source: Xiong and Ames, "3-D underactuated bipedal walking via H-LIP based gait 
 stabilization" (2022); the iWalker paper, eq. 9. Every function accepts traced fields in `HlipParameters`.
 """
 
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from iwalker_jax.errors import InputError
-
-Scalar = Any
-"""A Python float, or a traced () array when derivatives with respect to it are wanted."""
+from iwalker_jax.checks import Scalar, require_range
 
 _DOUBLING_STEPS = 12  # the doubling recursion squares its error: 12 steps equal 4096 Riccati steps
 
@@ -54,18 +51,6 @@ class HlipParameters:
     def rate(self) -> Scalar:
         """The pendulum's rate lambda = sqrt(g / z0) [1/s]."""
         return jnp.sqrt(self.gravity / self.com_height)
-
-
-def require_range(record: Any, name: str, low: float, high: float, unit: str) -> None:
-    """Raise InputError unless the plain number `record.name` lies in [low, high]; arrays and tracers pass."""
-    value = getattr(record, name)
-    if isinstance(value, (int, float)) and not low <= value <= high:
-        raise InputError(f"{type(record).__name__}.{name} is {value} {unit}; give {low:g} to {high:g} {unit}.")
-
-
-def field_values(record: Any) -> tuple[Any, ...]:
-    """Values of a dataclass's fields in their order."""
-    return tuple(getattr(record, field.name) for field in fields(record))
 
 
 class Modes(NamedTuple):

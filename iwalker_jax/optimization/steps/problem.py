@@ -14,9 +14,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from iwalker_jax.checks import Scalar, field_values, require_range
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
-from iwalker_jax.optimization.steps.hlip import HlipParameters, Modes, Scalar, field_values, require_range
+from iwalker_jax.optimization.steps.hlip import HlipParameters, Modes
 from iwalker_jax.optimization.steps.riccati import Kkt, StepCost, apply_kkt, weigh_states
 
 

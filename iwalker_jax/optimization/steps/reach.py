@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from iwalker_jax.checks import Scalar, field_values, require_range
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.steps.hlip import Scalar, field_values, require_range
 
 _LEAST = 1e-3  # room [m] below which two bounds count as contradicting
 

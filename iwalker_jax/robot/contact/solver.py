@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from iwalker_jax.optimization.steps.hlip import require_range
+from iwalker_jax.checks import require_range
 from iwalker_jax.robot.contact.newton import minimise
 from iwalker_jax.robot.limbs import Limbs, solve_symmetric
 

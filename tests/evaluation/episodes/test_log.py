@@ -7,7 +7,7 @@ import pytest
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.log import EpisodeKey, append_episodes, load_episodes
 from iwalker_jax.evaluation.episodes.metrics import EpisodeMetrics
-from iwalker_jax.tasks.task import Outcome
+from iwalker_jax.navigation.record import Outcome
 
 KEY = EpisodeKey("pretrained", "noisy", "estimated", 0, 10, "default", "office", 3)
 FIGURES = EpisodeMetrics(Outcome.FELL, 1 / 3, 2.0, 3.0, 0.0, 0.1, 0.5, 1.7, 0.8, 0.0, math.nan, 0.25)

@@ -16,8 +16,9 @@ from iwalker_jax.evaluation.episodes.metrics import (
     shortest_route,
     walked_distance,
 )
+from iwalker_jax.navigation.record import Outcome
 from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.tasks.task import Outcome, Task
+from iwalker_jax.tasks.task import Task
 from tests.evaluation.episode_records import FRAME, make_record, make_task, room
 
 

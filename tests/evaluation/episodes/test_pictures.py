@@ -7,8 +7,8 @@ import pytest
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.metrics import row_of
 from iwalker_jax.evaluation.episodes.pictures import box_corners, footprints, save_episode, save_episode_grid
+from iwalker_jax.navigation.record import Outcome
 from iwalker_jax.scenes.scene import obstacle_distance
-from iwalker_jax.tasks.task import Outcome
 from tests.evaluation.episode_records import make_record, make_task, room
 
 

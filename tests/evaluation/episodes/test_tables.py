@@ -8,7 +8,7 @@ from scipy import stats
 
 from iwalker_jax.evaluation.episodes.metrics import EpisodeMetrics
 from iwalker_jax.evaluation.episodes.tables import COLUMNS, episode_values, failures, navigation_table
-from iwalker_jax.tasks.task import Outcome
+from iwalker_jax.navigation.record import Outcome
 
 TITLES = [column.title for column in COLUMNS]
 GOOD = EpisodeMetrics(Outcome.REACHED, 20.0, 4.0, 3.0, 0.75, 0.12, 1.0, 0.28, 0.8, 0.001, 0.03, 0.25)

@@ -17,11 +17,11 @@ from iwalker_jax.evaluation.frames.metrics import (
 from iwalker_jax.optimization.steps.mpc import solve_step_mpc
 from iwalker_jax.perception.grid import PUBLISHED_GRID
 from iwalker_jax.planning.footsteps import nominal_footsteps
+from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import waypoints_to_path
 from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes
 from iwalker_jax.scenes.routes import shortest_distance
 from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.training.losses import PlannerModels
 
 MODELS = PlannerModels()
 WAYPOINTS = np.array([[0.4, 0.0], [0.9, 0.15], [1.2, 0.5], [1.7, 0.6], [2.4, 0.5]], np.float32)
