@@ -123,7 +123,7 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
     guidance = jax.jit(jax.vmap(find_way))(state, sight)
 
     def band(esdf: jax.Array, origin: jax.Array, way: Guidance) -> tuple:
-        return safe_path(rules.band_rules, way.path - origin, esdf, memory_rules.grid)
+        return safe_path(rules.band_parameters, way.path - origin, esdf, memory_rules.grid)
 
     def footsteps(s: LoopState, way: Guidance) -> Any:
         terms = rigid_body_terms(nav.walker.robot, s.walk.physics.qpos, s.walk.physics.qvel)

@@ -41,8 +41,8 @@ from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.runtime.devices import machine
-from iwalker_jax.runtime.processes import ProcessGroup, is_first, leave, part
-from iwalker_jax.scenes.built.sequences import TEST_NAMES
+from iwalker_jax.runtime.processes import ProcessGroup, barrier, is_first, leave
+from iwalker_jax.scenes.built.sequences import SEQUENCE_NAMES
 from iwalker_jax.training.config import TrainConfig
 
 
@@ -79,7 +79,7 @@ class Command:
     run: Path | None = None
     checkpoint: int | None = None
     out: Path | None = None
-    scenes: tuple[str, ...] = TEST_NAMES
+    scenes: tuple[str, ...] = SEQUENCE_NAMES
     unseen_scenes: int = 60
     data: Path | None = None
     walks: str = "generated,factory,corridor,office"
@@ -107,7 +107,7 @@ def main(arguments: list[str] | None = None) -> int:
         out = command.out or (command.run or Path("runs/pretrained")) / "evaluation"
         frames = evaluate_frames(command, planner, config, out) if is_first() else None
         study = Study() if settings is None else evaluate_walks(command, settings, planners, out)
-        part()
+        barrier()
         if not is_first():
             return 0
         page = write_report(out, Report(f"Evaluation of {name}", described(command, name), machine(), study, frames))

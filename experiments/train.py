@@ -33,7 +33,7 @@ from iwalker_jax.evaluation.frames.report import evaluate_all, standard_sequence
 from iwalker_jax.evaluation.frames.sequences import Sequence
 from iwalker_jax.evaluation.tables import legend
 from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.runtime.processes import ProcessGroup, is_first, leave, part
+from iwalker_jax.runtime.processes import ProcessGroup, barrier, is_first, leave
 from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.config import PRESETS, TrainConfig, config_to_dict
 from iwalker_jax.training.loop import Progress, TrainResult, batch_mesh, train
@@ -138,7 +138,7 @@ def help_training(command: Command) -> int:
         result = run_training(command, prepare_data(command.config))
     if result.interrupted:
         return 130
-    part()
+    barrier()
     return 0
 
 
@@ -156,7 +156,7 @@ def main(arguments: list[str] | None = None) -> int:
         result = run_training(command, data)
         if result.interrupted:
             return 130
-        part()
+        barrier()
         config_file(command.out).write_text(json.dumps(config_to_dict(command.config), indent=2) + "\n")
         planner = planner_from(command.config, result.state.params)
         save_planner(command.out / "planner.npz", planner, command.config)

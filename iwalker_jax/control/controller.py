@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait import advance_gait, initial_gait
 from iwalker_jax.control.gait_state import GaitReference, GaitState, Posture
-from iwalker_jax.control.parameters import GaitParameters, TaskParameters
+from iwalker_jax.control.parameters import GaitParameters, WholeBodyParameters
 from iwalker_jax.control.stepping import SteppingGains, stepping_gains
 from iwalker_jax.control.tasks import Task, angular_momentum_task, com_task, foot_task, stack, torso_task
 from iwalker_jax.control.whole_body import (
@@ -47,7 +47,7 @@ class Controller:
     actuation: Actuation
     time_step: float = field(metadata={"static": True}, default=0.002)
     gait: GaitParameters = field(metadata={"static": True}, default=GaitParameters())
-    tasks: TaskParameters = field(metadata={"static": True}, default=TaskParameters())
+    tasks: WholeBodyParameters = field(metadata={"static": True}, default=WholeBodyParameters())
     solver: QpSettings = field(metadata={"static": True}, default=control_settings())
 
 
@@ -163,7 +163,7 @@ def whole_body_tasks(controller: Controller, terms: RigidBodyTerms, reference: G
 def make_controller(
     robot: RobotModel,
     gait: GaitParameters | None = None,
-    tasks: TaskParameters | None = None,
+    tasks: WholeBodyParameters | None = None,
     solver: QpSettings | None = None,
 ) -> Controller:
     """A controller for a robot, ticking at the physics' time step; computes the stepping gains on the host."""
@@ -181,6 +181,6 @@ def make_controller(
         actuation,
         robot.time_step,
         gait,
-        tasks or TaskParameters(),
+        tasks or WholeBodyParameters(),
         solver or control_settings(),
     )

@@ -114,7 +114,7 @@ class GaitParameters:
 
 
 @dataclass(frozen=True)
-class TaskParameters:
+class WholeBodyParameters:
     """Weights and gains of the whole-body tasks; accelerations [m/s^2, rad/s^2], gains kp [1/s^2] and kd [1/s].
 
     Attributes:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from iwalker_jax.control.parameters import TaskParameters
+from iwalker_jax.control.parameters import WholeBodyParameters
 from iwalker_jax.control.swing import Motion
 from iwalker_jax.geometry.rotations import angle_between
 from iwalker_jax.robot.rigid_body import RigidBodyTerms
@@ -34,7 +34,7 @@ def stack(tasks: list[Task]) -> Task:
 
 
 def foot_task(
-    parameters: TaskParameters,
+    parameters: WholeBodyParameters,
     terms: RigidBodyTerms,
     foot: int,
     stance: Float[Array, ""],
@@ -80,7 +80,7 @@ def foot_task(
     return Task(rows, target, jnp.where(stance > 0, stance_weight, swing_weight))
 
 
-def torso_task(parameters: TaskParameters, terms: RigidBodyTerms, heading: Motion) -> Task:
+def torso_task(parameters: WholeBodyParameters, terms: RigidBodyTerms, heading: Motion) -> Task:
     """Torso upright and facing along the heading [rad]; angular acceleration, world axes."""
     p = parameters
     cos, sin = jnp.cos(heading.position), jnp.sin(heading.position)
@@ -96,7 +96,7 @@ def torso_task(parameters: TaskParameters, terms: RigidBodyTerms, heading: Motio
 
 
 def com_task(
-    parameters: TaskParameters, terms: RigidBodyTerms, acceleration: Float[Array, "2"], height: Float[Array, ""]
+    parameters: WholeBodyParameters, terms: RigidBodyTerms, acceleration: Float[Array, "2"], height: Float[Array, ""]
 ) -> Task:
     """COM follows the pendulum's horizontal acceleration [m/s^2] at a height [m]: linear momentum over mass."""
     p = parameters
@@ -105,7 +105,7 @@ def com_task(
     return Task(terms.com_jacobian, jnp.append(acceleration, rise) - terms.com_bias_acceleration, weight)
 
 
-def angular_momentum_task(parameters: TaskParameters, terms: RigidBodyTerms) -> Task:
+def angular_momentum_task(parameters: WholeBodyParameters, terms: RigidBodyTerms) -> Task:
     """Centroidal angular momentum towards zero."""
     target = -parameters.angular_momentum_kd * terms.angular_momentum - terms.angular_momentum_bias
     weight = jnp.full(3, parameters.angular_momentum, target.dtype)

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from iwalker_jax.control.parameters import TaskParameters
+from iwalker_jax.control.parameters import WholeBodyParameters
 from iwalker_jax.control.tasks import Task
 from iwalker_jax.optimization.qp.problem import QuadraticProgram
 from iwalker_jax.robot.rigid_body import RigidBodyTerms
@@ -98,7 +98,7 @@ def _solve_positive(matrix: Float[Array, "6 6"], right: Float[Array, "6 k"]) -> 
 
 
 def whole_body_program(
-    parameters: TaskParameters,
+    parameters: WholeBodyParameters,
     actuation: Actuation,
     dynamics: Dynamics,
     tasks: Task,

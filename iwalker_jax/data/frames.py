@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.files import written_whole
+from iwalker_jax.runtime.files import atomic_write
 
 DEPTH_UNIT = 0.001
 """[m] stored depth unit: depth images rest as uint16 millimetres, as the sensors deliver them."""
@@ -101,7 +101,7 @@ def save_frames(frames: FrameSet, file: Path) -> None:
     )
     payload = buffer.getvalue()
     try:
-        with written_whole(file) as part:
+        with atomic_write(file) as part:
             part.write_bytes(payload)
         checksum_file(file).write_text(hashlib.sha256(payload).hexdigest() + "\n")
     except OSError as error:

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from iwalker_jax.data.camera_path import CameraPathSampling, record_camera_path
 from iwalker_jax.data.frames import FrameSet
-from iwalker_jax.data.generated_walk import WalkSampling, record_walk
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.scenes.built.families import FAMILIES, generate_scene
@@ -16,7 +16,7 @@ def generate_training_frames(
     count: int = 1185,
     seed: int = 0,
     families: Sequence[str] = FAMILIES,
-    sampling: WalkSampling = WalkSampling(),
+    sampling: CameraPathSampling = CameraPathSampling(),
     intrinsics: Intrinsics = Intrinsics(),
     noise: DepthNoise | None = DepthNoise(),
     on_progress: Callable[[int], None] = lambda done: None,
@@ -45,7 +45,7 @@ def generate_training_frames(
         layout = 0
         while quota > 0:
             scene_seed = seed * 100_000 + layout
-            walk = record_walk(
+            walk = record_camera_path(
                 generate_scene(family, scene_seed), seed=hash_seed(seed, number, layout), sampling=sampling,
                 intrinsics=intrinsics, noise=noise,
             )  # fmt: skip

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from iwalker_jax import __version__
+from iwalker_jax.data.camera_path import CameraPathSampling
 from iwalker_jax.data.frames import FrameSet, load_frames, save_frames
 from iwalker_jax.data.generated import generate_training_frames
-from iwalker_jax.data.generated_walk import WalkSampling
 from iwalker_jax.data.recorded import frames_from_recording
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.settings import default_cache_folder
@@ -97,7 +97,12 @@ def _own_frames(source: DataConfig, on_progress: Callable[[int, int], None], say
 
 def cache_file(source: DataConfig) -> Path:
     """Where the synthetic frames of a source are kept; the name depends on all that determines them."""
-    recipe = {"frames": source.frames, "seed": source.seed, "walks": asdict(WalkSampling()), "generator": GENERATOR}
+    recipe = {
+        "frames": source.frames,
+        "seed": source.seed,
+        "walks": asdict(CameraPathSampling()),
+        "generator": GENERATOR,
+    }
     recipe["version"] = __version__
     digest = hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()[:16]
     return default_cache_folder() / "frames" / f"{source.frames}-{source.seed}-{digest}.npz"

@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from iwalker_jax.data.camera_path import CameraPathSampling, cells_that_reach, reachable_goals
 from iwalker_jax.data.frames import FrameSet, depth_to_millimetres
 from iwalker_jax.data.generated import concatenate_walks
-from iwalker_jax.data.generated_walk import WalkSampling, cells_that_reach, reachable_goals
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.camera import RobotCamera, camera_in_world, measured_mount
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
@@ -26,7 +26,7 @@ def frames_from_episodes(
     record: EpisodeRecord,
     stride: int = 12,
     seed: int = 0,
-    sampling: WalkSampling = WalkSampling(),
+    sampling: CameraPathSampling = CameraPathSampling(),
 ) -> FrameSet:
     """Every `stride`-th frame of every episode, from a random one on, with the present goal and random reachable ones.
 

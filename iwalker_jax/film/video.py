@@ -25,7 +25,7 @@ from iwalker_jax.film.filming import (
 )
 from iwalker_jax.film.headless import has_screen
 from iwalker_jax.film.motion import check_motion, resample_motion
-from iwalker_jax.runtime.files import written_whole
+from iwalker_jax.runtime.files import atomic_write
 
 _VIEW = (1.8, 130.0, -15.0)
 """Distance [m], azimuth and elevation [deg] from which the viewer first looks at the base."""
@@ -77,7 +77,7 @@ def write_frames(file: Path, frames: Iterator[UInt8[np.ndarray, "height width 3"
     # The first frame shows what is wrong with motion, camera or OpenGL before a file is opened.
     frames = itertools.chain([next(frames)], frames)
     try:
-        with written_whole(file) as part:
+        with atomic_write(file) as part:
             part.open("wb").close()
             return write(frames, part, fps)
     except OSError as error:

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 
 @dataclass(frozen=True)
-class HealthRules:
+class HealthParameters:
     """When a camera counts as failed.
 
     Attributes:
@@ -42,7 +42,7 @@ def healthy_camera(shape: tuple[int, int], dtype: jnp.dtype) -> CameraHealth:
 
 
 def check_camera(
-    rules: HealthRules, health: CameraHealth, depth: Float[Array, "h w"], speed: Float[Array, ""]
+    rules: HealthParameters, health: CameraHealth, depth: Float[Array, "h w"], speed: Float[Array, ""]
 ) -> CameraHealth:
     """Health after a frame [m], taken at a speed [m/s] of the robot as it believes."""
     blind = jnp.mean((depth > 0) & jnp.isfinite(depth)) < rules.least_valid

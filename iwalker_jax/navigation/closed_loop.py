@@ -22,13 +22,13 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import estimated_qpos_qvel
 from iwalker_jax.navigation.body_volume import BodyVolume, body_clearance_at
 from iwalker_jax.navigation.camera import RobotCamera, base_pose, camera_in_world, measured_mount
-from iwalker_jax.navigation.camera_health import CameraHealth, HealthRules, check_camera, healthy_camera
+from iwalker_jax.navigation.camera_health import CameraHealth, HealthParameters, check_camera, healthy_camera
 from iwalker_jax.navigation.depth_camera import DepthCameraState, start_depth_camera, take_depth
 from iwalker_jax.navigation.faults import Faults, obstacles_at, within
-from iwalker_jax.navigation.guide import Guidance, GuideRules, Sight, guide
+from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, Sight, guide
 from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, remembered
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
-from iwalker_jax.navigation.step_planning import PursuitRules, Stance, plan_steps, stop_steps
+from iwalker_jax.navigation.step_planning import PursuitParameters, Stance, plan_steps, stop_steps
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.robot.rigid_body import rigid_body_terms
@@ -38,7 +38,7 @@ from iwalker_jax.walking.rollout import Conditions, Sample, Walker, WalkState, s
 
 
 @dataclass(frozen=True)
-class LoopRules:
+class LoopParameters:
     """Clocks and ends of an episode.
 
     Attributes:
@@ -58,7 +58,7 @@ class LoopRules:
 
     def __post_init__(self) -> None:
         if self.ticks < 1 or self.looks < 1 or not (self.arrival > 0 and self.patience > 0 and self.progress > 0):
-            raise InputError("LoopRules needs at least one tick and look, and positive distances and times.")
+            raise InputError("LoopParameters needs at least one tick and look, and positive distances and times.")
 
 
 @jax.tree_util.register_dataclass
@@ -81,12 +81,12 @@ class Navigator:
     volume: BodyVolume
     planner: Any
     graph: nnx.GraphDef = field(metadata={"static": True})
-    guidance: GuideRules = field(metadata={"static": True}, default=GuideRules())
-    pursuit: PursuitRules | None = field(metadata={"static": True}, default=PursuitRules())
+    guidance: GuidanceParameters = field(metadata={"static": True}, default=GuidanceParameters())
+    pursuit: PursuitParameters | None = field(metadata={"static": True}, default=PursuitParameters())
     noise: DepthNoise | None = field(metadata={"static": True}, default=DepthNoise())
     intrinsics: Intrinsics = field(metadata={"static": True}, default=Intrinsics())
-    loop: LoopRules = field(metadata={"static": True}, default=LoopRules())
-    health: HealthRules = field(metadata={"static": True}, default=HealthRules())
+    loop: LoopParameters = field(metadata={"static": True}, default=LoopParameters())
+    health: HealthParameters = field(metadata={"static": True}, default=HealthParameters())
 
     @property
     def frame_time(self) -> float:
@@ -256,7 +256,7 @@ def _next_goal(navigator: Navigator, task: TaskArrays, goal: Array, believed: Ar
     return jnp.where(near & ~last, goal + 1, goal), near & last
 
 
-def _progress(loop: LoopRules, anchor: Array, believed: Array, time: Array) -> tuple[Array, Array]:
+def _progress(loop: LoopParameters, anchor: Array, believed: Array, time: Array) -> tuple[Array, Array]:
     """The place and time of the last progress, and whether there has been none for too long."""
     moved = jnp.sum((believed[:2] - anchor[:2]) ** 2) > loop.progress**2
     anchor = jnp.where(moved, jnp.append(believed[:2], time), anchor)

@@ -16,7 +16,7 @@ from iwalker_jax.geometry.rotations import turn_about_vertical
 from iwalker_jax.navigation.closed_loop import Navigator, run_episode, start_episode
 from iwalker_jax.navigation.faults import Faults, make_faults
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
-from iwalker_jax.runtime.devices import SplitProgram, chosen_devices
+from iwalker_jax.runtime.devices import ShardedProgram, chosen_devices
 from iwalker_jax.tasks.task import Task, TaskArrays, stack_tasks
 from iwalker_jax.walking.rollout import Conditions
 from iwalker_jax.walking.setup import Disturbances, sample_conditions
@@ -49,11 +49,11 @@ class EpisodeProgram:
         self.frames = max(1, round(_CHUNK / navigator.frame_time))
         self.compile_seconds, self.run_seconds = 0.0, 0.0
         self._disturbances = disturbances
-        self._chunk = SplitProgram(partial(run_episode, frames=self.frames, images=images), chosen_devices(devices))
-        self.width = self._chunk.whole(width)
-        self.navigator = jax.device_put(navigator, self._chunk.everywhere)
+        self._chunk = ShardedProgram(partial(run_episode, frames=self.frames, images=images), chosen_devices(devices))
+        self.width = self._chunk.round_up(width)
+        self.navigator = jax.device_put(navigator, self._chunk.replicated)
         many = jax.vmap(start_episode, in_axes=(None, 0, 0))
-        self._start = jax.jit(many, out_shardings=self._chunk.split)
+        self._start = jax.jit(many, out_shardings=self._chunk.sharded)
 
     def run(
         self,
@@ -102,7 +102,7 @@ class EpisodeProgram:
         on_progress: Callable[[float, int], None],
     ) -> EpisodeRecord:
         began = time.perf_counter()
-        tasks, conditions, faults = jax.device_put((tasks, conditions, faults), self._chunk.split)
+        tasks, conditions, faults = jax.device_put((tasks, conditions, faults), self._chunk.sharded)
         state = self._start(self.navigator, tasks, conditions)
         chunk = self._chunk.compiled(self.navigator, tasks, conditions, faults, state)
         self.compile_seconds += time.perf_counter() - began

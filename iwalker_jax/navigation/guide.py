@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool, Float
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.planar import to_base, to_world
 from iwalker_jax.geometry.splines import arc_length, interpolate_along, resample_by_arc_length
-from iwalker_jax.navigation.map_memory import MapMemory, MemoryRules, remember, remembered, window_origin
-from iwalker_jax.navigation.path_band import BAND_POINTS, BandRules, safe_path
+from iwalker_jax.navigation.map_memory import MapMemory, MapMemoryParameters, remember, remembered, window_origin
+from iwalker_jax.navigation.path_band import BAND_POINTS, BandParameters, safe_path
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.collision_map import DEFAULT_RULES
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
@@ -20,7 +20,7 @@ from iwalker_jax.perception.distance_field import signed_distance_field
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec, halved, pool_2x2, softened
 from iwalker_jax.perception.local_map import free_and_occupied
 from iwalker_jax.perception.seen_route import best_routes
-from iwalker_jax.perception.traversal import TraversalRules, traversal_cost
+from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
 from iwalker_jax.planning.planner import Planner
 
 PathSource = Literal["network", "guided", "route"]
@@ -29,7 +29,7 @@ _AROUND = 0.3  # [m] about the robot, within which a way must begin
 
 
 @dataclass(frozen=True)
-class GuideRules:
+class GuidanceParameters:
     """How a path comes about.
 
     Attributes:
@@ -38,15 +38,15 @@ class GuideRules:
             are drawn off the remembered obstacles and cut before a collision.
         ahead: [m] along the route to the way point that iPath gets.
         headway: share of the cost to that point that iPath's path must take off the cost-to-go; else the route is used.
-        memory, band_rules, traversal: their numbers; routes keep the gait's sway off obstacles as well as the body.
+        memory, band_parameters, traversal: their numbers; routes keep the gait's sway off obstacles as well as the body.
     """
 
     source: PathSource = "guided"
     ahead: float = 1.6
     headway: float = 0.3
-    memory: MemoryRules = MemoryRules()
-    band_rules: BandRules = BandRules()
-    traversal: TraversalRules = TraversalRules(body_radius=0.20)
+    memory: MapMemoryParameters = MapMemoryParameters()
+    band_parameters: BandParameters = BandParameters()
+    traversal: TraversalParameters = TraversalParameters(body_radius=0.20)
 
     def __post_init__(self) -> None:
         if self.source not in get_args(PathSource):
@@ -87,7 +87,11 @@ class Guidance(NamedTuple):
 
 
 def guide(
-    rules: GuideRules, planner: tuple[nnx.GraphDef, Any], intrinsics: Intrinsics, memory: MapMemory, sight: Sight
+    rules: GuidanceParameters,
+    planner: tuple[nnx.GraphDef, Any],
+    intrinsics: Intrinsics,
+    memory: MapMemory,
+    sight: Sight,
 ) -> tuple[MapMemory, Guidance]:
     """The memory with this frame added, and the way to the goal.
 
@@ -109,10 +113,10 @@ def guide(
     unseen = softened(pool_2x2(unknown.astype(esdf.dtype)))
     to_go = route_costs(rules, occupied, esdf, unseen, goal)
     seen, whole = best_routes(to_go, unseen, goal, start, coarse)
-    band, detour = safe_path(rules.band_rules, seen, esdf, grid)
+    band, detour = safe_path(rules.band_parameters, seen, esdf, grid)
     if rules.source == "guided":
         route, ahead = band, _on_route(whole, rules.ahead) + origin
-        band, cut = safe_path(rules.band_rules, network_path(network, sight, ahead) - origin, esdf, grid)
+        band, cut = safe_path(rules.band_parameters, network_path(network, sight, ahead) - origin, esdf, grid)
         # Where iPath sees no way that leads on, the route does.
         here, there = (_cost_at(to_go, coarse, point) for point in (band[0], band[-1]))
         detour = cut | (here - there < rules.headway * jnp.minimum(here, rules.ahead))
@@ -128,7 +132,7 @@ def network_path(network: Planner, sight: Sight, goal: Float[Array, "2"]) -> Flo
 
 
 def route_costs(
-    rules: GuideRules,
+    rules: GuidanceParameters,
     occupied: Bool[Array, "n n"],
     esdf: Float[Array, "n n"],
     unseen: Float[Array, "half half"],

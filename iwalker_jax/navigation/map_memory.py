@@ -20,7 +20,7 @@ _LARGEST_SHIFT = 8  # cells between two frames; a robot that believes to have ju
 
 
 @dataclass(frozen=True)
-class MemoryRules:
+class MapMemoryParameters:
     """Size of the window and how evidence adds up.
 
     Attributes:
@@ -64,18 +64,18 @@ class MapMemory(NamedTuple):
     middle: Int[Array, "2"]
 
 
-def empty_memory(rules: MemoryRules, xy: Float[Array, "2"]) -> MapMemory:
+def empty_memory(rules: MapMemoryParameters, xy: Float[Array, "2"]) -> MapMemory:
     """Nothing known around a place [m]."""
     return MapMemory(jnp.zeros((rules.cells, rules.cells), xy.dtype), _cell(rules, xy))
 
 
-def window_origin(rules: MemoryRules, memory: MapMemory) -> Float[Array, "2"]:
-    """World position [m] of the window's middle: subtract it from world points to sample on `MemoryRules.grid`."""
+def window_origin(rules: MapMemoryParameters, memory: MapMemory) -> Float[Array, "2"]:
+    """World position [m] of the window's middle: subtract it from world points to sample on `MapMemoryParameters.grid`."""
     return memory.middle.astype(memory.evidence.dtype) * rules.resolution
 
 
 def remember(
-    rules: MemoryRules,
+    rules: MapMemoryParameters,
     memory: MapMemory,
     base: Float[Array, "3"],
     occupied: Bool[Array, "rows columns"],
@@ -99,13 +99,13 @@ def remember(
     return MapMemory(jnp.clip(evidence + change, -rules.limit, rules.limit).astype(memory.evidence.dtype), middle)
 
 
-def remembered(rules: MemoryRules, memory: MapMemory) -> tuple[Bool[Array, "n n"], Bool[Array, "n n"]]:
+def remembered(rules: MapMemoryParameters, memory: MapMemory) -> tuple[Bool[Array, "n n"], Bool[Array, "n n"]]:
     """(occupied, unknown) cells of the window."""
     occupied = memory.evidence >= rules.decided
     return occupied, jnp.abs(memory.evidence) < min(rules.decided, rules.free)
 
 
-def _cell(rules: MemoryRules, xy: Float[Array, "2"]) -> Int[Array, "2"]:
+def _cell(rules: MapMemoryParameters, xy: Float[Array, "2"]) -> Int[Array, "2"]:
     return jnp.round(xy / rules.resolution).astype(jnp.int32)
 
 

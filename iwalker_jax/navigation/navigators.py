@@ -8,9 +8,9 @@ from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.body_volume import load_body_volume
 from iwalker_jax.navigation.camera import load_camera
-from iwalker_jax.navigation.closed_loop import LoopRules, Navigator
-from iwalker_jax.navigation.guide import GuideRules
-from iwalker_jax.navigation.step_planning import PursuitRules
+from iwalker_jax.navigation.closed_loop import LoopParameters, Navigator
+from iwalker_jax.navigation.guide import GuidanceParameters
+from iwalker_jax.navigation.step_planning import PursuitParameters
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.scenes.depth_noise import DepthNoise
 from iwalker_jax.walking.setup import Sensors, default_walker
@@ -25,16 +25,16 @@ class Policy(NamedTuple):
         feedback: whether the step MPC corrects the footsteps online.
     """
 
-    guidance: GuideRules
-    pursuit: PursuitRules | None
+    guidance: GuidanceParameters
+    pursuit: PursuitParameters | None
     feedback: bool
 
 
 POLICIES = {
-    "default": Policy(GuideRules(), PursuitRules(), True),
-    "networks": Policy(GuideRules(source="network"), None, True),
-    "published": Policy(GuideRules(source="network"), None, False),
-    "classical": Policy(GuideRules(source="route"), PursuitRules(), True),
+    "default": Policy(GuidanceParameters(), PursuitParameters(), True),
+    "networks": Policy(GuidanceParameters(source="network"), None, True),
+    "published": Policy(GuidanceParameters(source="network"), None, False),
+    "classical": Policy(GuidanceParameters(source="route"), PursuitParameters(), True),
 }
 """default: iPath's path to the next way point of the remembered route, drawn off the obstacles; iStepper on a line that
 the robot can turn along; the step MPC online. networks: iPath and iStepper alone choose the way, the step MPC keeps the
@@ -46,7 +46,7 @@ def make_navigator(
     planner: Planner,
     sensors: Sensors = "nominal",
     depth_noise: bool = True,
-    loop: LoopRules = LoopRules(),
+    loop: LoopParameters = LoopParameters(),
 ) -> Navigator:
     """BRUCE with a policy of `POLICIES`.
 

@@ -18,7 +18,7 @@ BAND_POINTS = 48
 
 
 @dataclass(frozen=True)
-class BandRules:
+class BandParameters:
     """How the band moves.
 
     Attributes:
@@ -36,11 +36,13 @@ class BandRules:
 
     def __post_init__(self) -> None:
         if not 0 < self.least < self.wanted or self.iterations < 0 or not (0 < self.push <= 1 and 0 < self.pull <= 0.5):
-            raise InputError("BandRules needs 0 < least < wanted, push in (0, 1], pull in (0, 0.5], iterations >= 0.")
+            raise InputError(
+                "BandParameters needs 0 < least < wanted, push in (0, 1], pull in (0, 0.5], iterations >= 0."
+            )
 
 
 def safe_path(
-    rules: BandRules, path: Float[Array, "n 2"], esdf: Float[Array, "rows columns"], grid: GridSpec
+    rules: BandParameters, path: Float[Array, "n 2"], esdf: Float[Array, "rows columns"], grid: GridSpec
 ) -> tuple[Float[Array, "k 2"], Bool[Array, ""]]:
     """The path as a band off the obstacles, cut before the first point without room; and whether it was cut.
 

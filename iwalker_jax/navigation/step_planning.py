@@ -18,7 +18,7 @@ from iwalker_jax.planning.robot_state import RobotState, StepGeometry
 
 
 @dataclass(frozen=True)
-class PursuitRules:
+class PursuitParameters:
     """How sharply the robot turns towards a path.
 
     Attributes:
@@ -37,7 +37,7 @@ class PursuitRules:
 
     def __post_init__(self) -> None:
         if not (self.lookahead > 0 and 0 < self.turn < 1 and 0 < self.on_the_spot < 3 and self.short > 0):
-            raise InputError("PursuitRules needs positive numbers, turn below 1 rad and on_the_spot below 3 rad.")
+            raise InputError("PursuitParameters needs positive numbers, turn below 1 rad and on_the_spot below 3 rad.")
 
 
 class Stance(NamedTuple):
@@ -72,7 +72,7 @@ class Course(NamedTuple):
 
 
 def pursue(
-    rules: PursuitRules,
+    rules: PursuitParameters,
     steps: StepGeometry,
     path: Float[Array, "k 2"],
     look: Float[Array, "2"],
@@ -126,7 +126,7 @@ def beside(course: Course, left_first: Bool[Array, ""], width: float) -> Float[A
 
 
 def plan_steps(
-    rules: PursuitRules | None,
+    rules: PursuitParameters | None,
     istepper: IStepper,
     path: Float[Array, "k 2"],
     look: Float[Array, "2"],
@@ -139,7 +139,7 @@ def plan_steps(
         path, look: as in `pursue`.
     """
     steps = istepper.geometry
-    pursuit = PursuitRules() if rules is None else rules
+    pursuit = PursuitParameters() if rules is None else rules
     course = pursue(pursuit, steps, path, look, _centre(stance, steps.width), stance.yaw)
     geometric = beside(course, ~stance.left, steps.width)
     frame = jnp.append(stance.com, stance.yaw)

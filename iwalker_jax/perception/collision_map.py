@@ -16,7 +16,7 @@ from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID, GridSpec
 
 
 @dataclass(frozen=True)
-class ObstacleRules:
+class ObstacleParameters:
     """Which points are obstacles, and how many of them make a cell occupied.
 
     Attributes:
@@ -42,20 +42,20 @@ class ObstacleRules:
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(v) for v in (self.min_height, self.max_height, self.min_area)):
-            raise InputError("ObstacleRules needs finite heights and area.")
+            raise InputError("ObstacleParameters needs finite heights and area.")
         if not 0.0 < self.min_height < self.max_height:
             raise InputError(
-                f"ObstacleRules needs 0 < min_height < max_height, got {self.min_height} and {self.max_height} m."
+                f"ObstacleParameters needs 0 < min_height < max_height, got {self.min_height} and {self.max_height} m."
             )
         if not self.min_height <= self.max_tolerance < self.max_height:
-            raise InputError("ObstacleRules needs max_tolerance between min_height and max_height.")
+            raise InputError("ObstacleParameters needs max_tolerance between min_height and max_height.")
         if self.tolerance_range < 0.0 or self.tolerance_slope < 0.0:
-            raise InputError("ObstacleRules needs tolerance_range >= 0 and tolerance_slope >= 0.")
+            raise InputError("ObstacleParameters needs tolerance_range >= 0 and tolerance_slope >= 0.")
         if self.min_area <= 0.0 or not 1 <= self.min_points <= self.max_points:
-            raise InputError("ObstacleRules needs min_area > 0 and 1 <= min_points <= max_points.")
+            raise InputError("ObstacleParameters needs min_area > 0 and 1 <= min_points <= max_points.")
 
 
-DEFAULT_RULES = ObstacleRules()
+DEFAULT_RULES = ObstacleParameters()
 """For a robot 0.66 m tall with feet that clear 5 cm."""
 
 
@@ -96,7 +96,7 @@ def point_planes(depth: Float[Array, "height width"], mount: Float[Array, " 5"],
 
 
 def classify_points(
-    points: PointPlanes, rules: ObstacleRules
+    points: PointPlanes, rules: ObstacleParameters
 ) -> tuple[Bool[Array, "height width"], Bool[Array, "height width"], Bool[Array, "height width"]]:
     """(floor, obstacle, drop) masks of points by their height above the floor.
 
@@ -141,7 +141,7 @@ def occupied_cells(
     camera_xy: Float[Array, " 2"],
     intrinsics: Intrinsics,
     grid: GridSpec,
-    rules: ObstacleRules,
+    rules: ObstacleParameters,
 ) -> Bool[Array, "rows columns"]:
     """Cells that hold enough obstacle points for their distance from the camera.
 
@@ -161,7 +161,7 @@ def occupancy_map(
     mount: Float[Array, " 5"],
     intrinsics: Intrinsics,
     grid: GridSpec = DEFAULT_GRID,
-    rules: ObstacleRules = DEFAULT_RULES,
+    rules: ObstacleParameters = DEFAULT_RULES,
 ) -> Bool[Array, "rows columns"]:
     """Occupied cells of one cleaned depth image: points between 0.05 m and 0.75 m above the floor.
 

@@ -19,7 +19,7 @@ _SCORING_PIXELS = 1600
 
 
 @dataclass(frozen=True)
-class FloorRules:
+class FloorParameters:
     """Which planes can be the floor below a walking robot's camera.
 
     Attributes:
@@ -41,15 +41,15 @@ class FloorRules:
     def __post_init__(self) -> None:
         if not 0.0 < self.min_height < self.max_height:
             raise InputError(
-                f"FloorRules needs 0 < min_height < max_height, got {self.min_height}, {self.max_height} m."
+                f"FloorParameters needs 0 < min_height < max_height, got {self.min_height}, {self.max_height} m."
             )
         if not -math.pi / 2 < self.min_pitch < self.max_pitch < math.pi / 2 or not 0.0 < self.max_roll < math.pi / 2:
-            raise InputError("FloorRules needs pitch and roll limits within 90 degrees, the smaller first.")
+            raise InputError("FloorParameters needs pitch and roll limits within 90 degrees, the smaller first.")
         if not self.max_depth > 0.0 or not 0.0 < self.min_inliers < 1.0:
-            raise InputError("FloorRules needs max_depth > 0 and min_inliers between 0 and 1.")
+            raise InputError("FloorParameters needs max_depth > 0 and min_inliers between 0 and 1.")
 
 
-DEFAULT_FLOOR_RULES = FloorRules()
+DEFAULT_FLOOR_RULES = FloorParameters()
 """Any mount on a small or large humanoid, down to a few tenths of floor in the picture."""
 
 
@@ -77,7 +77,7 @@ class FloorFit(NamedTuple):
 
 
 def fit_floor(
-    depth: Float[Array, "height width"], intrinsics: Intrinsics, rules: FloorRules = DEFAULT_FLOOR_RULES
+    depth: Float[Array, "height width"], intrinsics: Intrinsics, rules: FloorParameters = DEFAULT_FLOOR_RULES
 ) -> FloorFit:
     """Floor plane of one cleaned depth image.
 
@@ -118,7 +118,7 @@ def fit_floor(
 
 
 def _scoring_pixels(
-    depth: Float[Array, "height width"], intrinsics: Intrinsics, rules: FloorRules
+    depth: Float[Array, "height width"], intrinsics: Intrinsics, rules: FloorParameters
 ) -> tuple[Float[Array, "3 n"], Float[Array, " n"]]:
     """Rays and inverse depths [1/m] of an even subset of pixels; inverse depth 0 where unusable."""
     step = max(1, round(math.sqrt(depth.size / _SCORING_PIXELS)))
@@ -170,7 +170,7 @@ def _height_pitch_roll(plane: Float[Array, "*k 3"]) -> tuple[Array, Array, Array
     return 1.0 / norm, jnp.arcsin(sine), jnp.arctan2(plane[..., 0], plane[..., 1])
 
 
-def _is_plausible(plane: Float[Array, "*k 3"], rules: FloorRules) -> Bool[Array, "*k"]:
+def _is_plausible(plane: Float[Array, "*k 3"], rules: FloorParameters) -> Bool[Array, "*k"]:
     height, pitch, roll = _height_pitch_roll(plane)
     return (
         (height >= rules.min_height)

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.collision_map import (
     DEFAULT_RULES,
-    ObstacleRules,
+    ObstacleParameters,
     PointPlanes,
     cell_offsets,
     classify_points,
@@ -49,7 +49,7 @@ def build_local_map(
     mount: Float[Array, " 5"],
     intrinsics: Intrinsics,
     grid: GridSpec = DEFAULT_GRID,
-    rules: ObstacleRules = DEFAULT_RULES,
+    rules: ObstacleParameters = DEFAULT_RULES,
 ) -> LocalMap:
     """All maps of one raw depth image; finite and valid for empty, all-zero and all-blocked images too.
 
@@ -80,7 +80,7 @@ def free_and_occupied(
     mount: Float[Array, " 5"],
     intrinsics: Intrinsics,
     grid: GridSpec,
-    rules: ObstacleRules,
+    rules: ObstacleParameters,
 ) -> tuple[Bool[Array, "rows columns"], Bool[Array, "rows columns"]]:
     """(occupied, known free) cells of a cleaned depth image.
 

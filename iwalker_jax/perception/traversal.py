@@ -9,7 +9,7 @@ from iwalker_jax.errors import InputError
 
 
 @dataclass(frozen=True)
-class TraversalRules:
+class TraversalParameters:
     """Cost per metre as a function of clearance; 1 in open, seen space.
 
     Attributes:
@@ -30,13 +30,13 @@ class TraversalRules:
 
     def __post_init__(self) -> None:
         if not 0 < self.body_radius < self.comfort or not self.contact_ramp > 0:
-            raise InputError("TraversalRules needs 0 < body_radius < comfort and contact_ramp > 0.")
+            raise InputError("TraversalParameters needs 0 < body_radius < comfort and contact_ramp > 0.")
         if min(self.discomfort, self.contact, self.unknown) < 0:
             raise InputError("Traversal costs must not be negative.")
 
 
 def traversal_cost(
-    clearance: Float[Array, "*shape"], unknown: Float[Array, "*shape"], rules: TraversalRules
+    clearance: Float[Array, "*shape"], unknown: Float[Array, "*shape"], rules: TraversalParameters
 ) -> Float[Array, "*shape"]:
     """Cost per metre at a clearance [m] and a degree of being unknown (0 seen .. 1 unseen); differentiable."""
     tightness = jnp.clip((rules.comfort - clearance) / (rules.comfort - rules.body_radius), 0.0, 1.0)

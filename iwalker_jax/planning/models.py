@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from iwalker_jax.optimization.steps.hlip import HlipParameters
 from iwalker_jax.optimization.steps.problem import StepMpcWeights
 from iwalker_jax.optimization.unicycle.model import UnicycleParameters
-from iwalker_jax.perception.traversal import TraversalRules
+from iwalker_jax.perception.traversal import TraversalParameters
 from iwalker_jax.planning.robot_state import StepGeometry
 
 
@@ -26,6 +26,6 @@ class PlannerModels:
     hlip: HlipParameters = HlipParameters()
     step_weights: StepMpcWeights = StepMpcWeights()
     steps: StepGeometry = StepGeometry()
-    traversal: TraversalRules = TraversalRules()
+    traversal: TraversalParameters = TraversalParameters()
     safety_margin: float = 0.10
     blind_walking: float = 4.5

@@ -34,22 +34,22 @@ def machine() -> str:
     )
 
 
-class SplitProgram:
+class ShardedProgram:
     """A function of one row, compiled once for many rows that are split over devices.
 
     Attributes:
-        everywhere, split: where what all rows share is placed, and where the rows are.
+        replicated, sharded: where what all rows share is placed, and where the rows are.
     """
 
     def __init__(self, one: Callable[..., Any], devices: list[jax.Device]) -> None:
         """Take a function of what all rows share and of the arguments of one row; the compilation comes later."""
         self._one = one
         self._mesh = Mesh(np.array(devices), ("rows",))
-        self.everywhere = NamedSharding(self._mesh, PartitionSpec())
-        self.split = NamedSharding(self._mesh, PartitionSpec("rows"))
+        self.replicated = NamedSharding(self._mesh, PartitionSpec())
+        self.sharded = NamedSharding(self._mesh, PartitionSpec("rows"))
         self._compiled: Callable[..., Any] | None = None
 
-    def whole(self, rows: int) -> int:
+    def round_up(self, rows: int) -> int:
         """A number of rows rounded up to the same number on every device."""
         return -(-rows // self._mesh.size) * self._mesh.size
 
@@ -61,7 +61,9 @@ class SplitProgram:
                 return jax.vmap(partial(self._one, shared))(*rows)
 
             if self._mesh.size > 1:
-                specs = (self.everywhere.spec, *[self.split.spec] * len(rows))
-                many = jax.shard_map(many, mesh=self._mesh, in_specs=specs, out_specs=self.split.spec, check_vma=False)
+                specs = (self.replicated.spec, *[self.sharded.spec] * len(rows))
+                many = jax.shard_map(
+                    many, mesh=self._mesh, in_specs=specs, out_specs=self.sharded.spec, check_vma=False
+                )
             self._compiled = jax.jit(many).lower(shared, *rows).compile()
         return self._compiled

@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 @contextmanager
-def written_whole(file: Path) -> Iterator[Path]:
+def atomic_write(file: Path) -> Iterator[Path]:
     """A file beside the wanted one, with its ending, to write to; it takes that one's place at the end, else it goes.
 
     Folders are made as needed.

@@ -15,7 +15,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.rendezvous import Member, answer_roll_call, bind_address
+from iwalker_jax.runtime.rendezvous import Member, bind_address, rendezvous
 
 _LONGEST_WAIT = 7 * 24 * 3600  # [s] for processes that have more to do
 
@@ -70,7 +70,7 @@ def join(group: ProcessGroup) -> None:
     member = group.member()
     if member is None or member.processes == 1:
         return
-    answer_roll_call(member)
+    rendezvous(member)
     host = f"[{member.host}]" if ":" in member.host else member.host
     jax.distributed.initialize(
         f"{host}:{member.port}",
@@ -93,12 +93,12 @@ def is_first() -> bool:
     return jax.process_index() == 0
 
 
-def shared(tree: Any) -> Any:
+def broadcast(tree: Any) -> Any:
     """Process 0's values of a tree of arrays whose shapes are the same in every process."""
     return multihost_utils.broadcast_one_to_all(tree)
 
 
-def place(tree: Any, mesh: Mesh | None, *axes: str) -> Any:
+def device_put(tree: Any, mesh: Mesh | None, *axes: str) -> Any:
     """Copy of a tree of arrays on the devices of a mesh: whole on each, or split over the mesh's given axes.
 
     Every process must hold the same whole arrays. Without a mesh the copy is on the default device.
@@ -109,12 +109,12 @@ def place(tree: Any, mesh: Mesh | None, *axes: str) -> Any:
 
     def placed(leaf: Array) -> Array:
         whole = np.array(leaf)
-        return jax.make_array_from_callback(whole.shape, sharding, lambda part: whole[part])
+        return jax.make_array_from_callback(whole.shape, sharding, lambda index: whole[index])
 
     return jax.tree.map(placed, tree)
 
 
-def part(seconds: int = _LONGEST_WAIT) -> None:
+def barrier(seconds: int = _LONGEST_WAIT) -> None:
     """Wait until every process has come this far; from here on each is alone.
 
     Raises:
@@ -124,7 +124,7 @@ def part(seconds: int = _LONGEST_WAIT) -> None:
         return
     try:
         # Not a collective: those would keep a core busy, and some give up after minutes.
-        ocp.multihost.get_barrier_sync_fn()(key="iwalker_part", timeout_ms=1000 * seconds)
+        ocp.multihost.get_barrier_sync_fn()(key="iwalker_barrier", timeout_ms=1000 * seconds)
         jax.distributed.shutdown()
     except jax.errors.JaxRuntimeError as error:
         raise InputError("Another process has failed; see what it says, and start all of them again.") from error

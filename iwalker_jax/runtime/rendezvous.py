@@ -25,7 +25,7 @@ class Member(NamedTuple):
     timeout: float
 
 
-def answer_roll_call(member: Member) -> None:
+def rendezvous(member: Member) -> None:
     """Return once all processes are there; process 0 calls the roll at its port, the others answer.
 
     Raises:

@@ -16,7 +16,7 @@ SCENE_GRID = GridSpec(x_min=0.0, y_min=0.0, resolution=0.1, rows=int(MAX_EXTENT 
 
 
 @dataclass(frozen=True)
-class RouteRules:
+class RouteParameters:
     """What counts as a walkable route.
 
     Attributes:
@@ -31,10 +31,10 @@ class RouteRules:
 
     def __post_init__(self) -> None:
         if not 0 < self.inflated_radius < self.comfort or self.discomfort < 0:
-            raise InputError("RouteRules needs 0 < inflated_radius < comfort and discomfort >= 0.")
+            raise InputError("RouteParameters needs 0 < inflated_radius < comfort and discomfort >= 0.")
 
 
-DEFAULT_ROUTE_RULES = RouteRules()
+DEFAULT_ROUTE_RULES = RouteParameters()
 
 
 class RouteMap(NamedTuple):
@@ -51,12 +51,14 @@ class RouteMap(NamedTuple):
     origin: Float[Array, " 2"]
 
 
-def free_cells(scene: SceneArrays, rules: RouteRules = DEFAULT_ROUTE_RULES) -> Bool[Array, "rows columns"]:
+def free_cells(scene: SceneArrays, rules: RouteParameters = DEFAULT_ROUTE_RULES) -> Bool[Array, "rows columns"]:
     """Cells of `SCENE_GRID` where the inflated footprint fits."""
     return ~occupancy(scene, scene.bounds[:2], SCENE_GRID.resolution, SCENE_GRID.shape, rules.inflated_radius)
 
 
-def route_map(scene: SceneArrays, goal_xy: Float[Array, " 2"], rules: RouteRules = DEFAULT_ROUTE_RULES) -> RouteMap:
+def route_map(
+    scene: SceneArrays, goal_xy: Float[Array, " 2"], rules: RouteParameters = DEFAULT_ROUTE_RULES
+) -> RouteMap:
     """Cost of the best comfortable route to a goal [m, world] from everywhere in the scene."""
     origin = scene.bounds[:2]
     free = free_cells(scene, rules)
@@ -68,7 +70,7 @@ def route_map(scene: SceneArrays, goal_xy: Float[Array, " 2"], rules: RouteRules
 
 
 def shortest_distance(
-    scene: SceneArrays, goal_xy: Float[Array, " 2"], rules: RouteRules = DEFAULT_ROUTE_RULES
+    scene: SceneArrays, goal_xy: Float[Array, " 2"], rules: RouteParameters = DEFAULT_ROUTE_RULES
 ) -> RouteMap:
     """Like `route_map`, with length [m] as the only cost: the yardstick of progress and path efficiency."""
     return route_map(scene, goal_xy, replace(rules, discomfort=0.0))

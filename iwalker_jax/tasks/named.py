@@ -6,12 +6,12 @@ import numpy as np
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.scenes.built.demonstrations import DEMONSTRATION_NAMES, demonstration_scene
-from iwalker_jax.scenes.built.sequences import TEST_NAMES, test_sequence
+from iwalker_jax.scenes.built.sequences import SEQUENCE_NAMES, held_out_sequence
 from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.tasks.routes import clearances, leg_lengths, single_precision, time_limit
 from iwalker_jax.tasks.task import Task
 
-TASK_NAMES: tuple[str, ...] = (*DEMONSTRATION_NAMES, *(f"test_{name}" for name in TEST_NAMES))
+TASK_NAMES: tuple[str, ...] = (*DEMONSTRATION_NAMES, *(f"test_{name}" for name in SEQUENCE_NAMES))
 
 START_CLEARANCE, GOAL_CLEARANCE = 0.35, 0.30
 """[m] in plan view between obstacles and the base at the start and at goals: room to start and to stand."""
@@ -28,7 +28,7 @@ def named_task(name: str, seed: int = 0) -> Task:
     """
     if name not in TASK_NAMES:
         raise InputError(f"Unknown task {name!r}; choose one of {', '.join(TASK_NAMES)}.")
-    return demonstration(name, seed) if name in DEMONSTRATION_NAMES else test_task(name.removeprefix("test_"), seed)
+    return demonstration(name, seed) if name in DEMONSTRATION_NAMES else sequence_task(name.removeprefix("test_"), seed)
 
 
 def demonstration(name: str, seed: int = 0) -> Task:
@@ -50,8 +50,8 @@ def demonstration(name: str, seed: int = 0) -> Task:
     raise RuntimeError(f"Demonstration {name}: no arrangement of seed {seed} leaves a route; use another seed.")
 
 
-def test_task(name: str, seed: int = 0) -> Task:
-    """The walk through the test sequence of a name in `TEST_NAMES`: from its route's first corner to its end.
+def sequence_task(name: str, seed: int = 0) -> Task:
+    """The walk through the test sequence of a name in `SEQUENCE_NAMES`: from its route's first corner to its end.
 
     Args:
         name: of the test sequence.
@@ -60,7 +60,7 @@ def test_task(name: str, seed: int = 0) -> Task:
     Raises:
         InputError: for an unknown name or a negative seed.
     """
-    sequence = test_sequence(name)
+    sequence = held_out_sequence(name)
     (x, y), (ahead_x, ahead_y) = sequence.route[:2].tolist()
     goals = sequence.route[-1:]
     for rng in _generators(name, seed):

@@ -12,7 +12,7 @@ from jax.sharding import Mesh
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.runtime.devices import chosen_devices
-from iwalker_jax.runtime.processes import is_first, place, shared
+from iwalker_jax.runtime.processes import broadcast, device_put, is_first
 from iwalker_jax.training.batches import frame_order
 from iwalker_jax.training.checkpoints import CheckpointStore
 from iwalker_jax.training.config import TrainConfig
@@ -107,15 +107,15 @@ def train(
         if start_from is not None:
             params = with_planner(config, state.params, start_from)
             state = state._replace(params=params, opt_state=optimiser.init(params))
-    state, theirs = shared((state, np.int32(frames)))
+    state, theirs = broadcast((state, np.int32(frames)))
     if frames != theirs:
         raise InputError(f"This process has {frames} frames and process 0 has {theirs}; give all the same data.")
     first = int(state.step)
     if 0 < first < total:
         say(f"Resuming at step {first} of {total}.")
     # The step donates its state: never hand it the caller's own arrays.
-    state = place(state, mesh)
-    data = place(data, mesh)
+    state = device_put(state, mesh)
+    data = device_put(data, mesh)
     log = MetricsLog(folder, first, tensorboard)
     step_function = make_train_step(config, optimiser, mesh)
     last = min(total, total if stop_after is None else stop_after)
@@ -126,7 +126,7 @@ def train(
     try:
         for step in range(first, last):
             index = frame_order(config.seed, frames, config.batch_size, step)
-            state, report = step_function(state, data, place(index, mesh, "batch"))
+            state, report = step_function(state, data, device_put(index, mesh, "batch"))
             losses = _as_floats(report)
             done = step + 1
             if report.finite:
@@ -160,7 +160,7 @@ def train(
         say(f"Interrupted after step {done}; the same command resumes from checkpoint {store.steps()[-1:]}.")
     store.close()
     # Whole on one device, so that this process can use it alone.
-    return TrainResult(place(state, None) if alive else state, interrupted, unsaved)
+    return TrainResult(device_put(state, None) if alive else state, interrupted, unsaved)
 
 
 def _restored(

@@ -12,7 +12,7 @@ from iwalker_jax.perception.cost_to_go import cost_to_go
 from iwalker_jax.perception.grid import pool_2x2, softened
 from iwalker_jax.perception.local_map import build_local_map
 from iwalker_jax.perception.seen_route import ROUTE_GRID, best_routes
-from iwalker_jax.perception.traversal import TraversalRules, traversal_cost
+from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
 
 
 class TrainingData(NamedTuple):
@@ -64,7 +64,7 @@ def frame_maps(
     mount: Float[Array, " 5"],
     goals: Float[Array, "g 2"],
     intrinsics: Intrinsics,
-    rules: TraversalRules,
+    rules: TraversalParameters,
 ) -> FrameMaps:
     """Maps of one depth image [m] and its goals [m]; `to_go` and `route` get a leading goal axis. Pure; jit it."""
     local = build_local_map(depth, mount, intrinsics)
@@ -76,7 +76,7 @@ def frame_maps(
 
 
 def prepare(
-    frames: FrameSet, intrinsics: Intrinsics, rules: TraversalRules, batch: int = 16, on_progress=lambda done: None
+    frames: FrameSet, intrinsics: Intrinsics, rules: TraversalParameters, batch: int = 16, on_progress=lambda done: None
 ) -> TrainingData:
     """Make all maps of a frame set, `batch` frames at a time; `on_progress` hears how many frames are done."""
     many = jax.jit(

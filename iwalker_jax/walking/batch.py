@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait_state import GaitMode
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.devices import SplitProgram, chosen_devices
+from iwalker_jax.runtime.devices import ShardedProgram, chosen_devices
 from iwalker_jax.walking.rollout import Conditions, Sample, Walker, WalkState, roll_out, start_walk
 
 LARGEST_GROUP = 256
@@ -86,10 +86,10 @@ class WalkProgram:
             raise InputError(f"Groups of {width} robots and plans of {rows} rows; give at least 1 and 2.")
         self.rows, self.every = rows, every
         self.samples = max(round(chunk / (walker.controller.time_step * every)), 1)
-        self._chunk = SplitProgram(partial(roll_out, samples=self.samples, every=every), chosen_devices(devices))
-        self.width = self._chunk.whole(min(width, LARGEST_GROUP))
+        self._chunk = ShardedProgram(partial(roll_out, samples=self.samples, every=every), chosen_devices(devices))
+        self.width = self._chunk.round_up(min(width, LARGEST_GROUP))
         # The walker's numbers are arguments, so that they are not compiled in.
-        self.walker = jax.device_put(walker, self._chunk.everywhere)
+        self.walker = jax.device_put(walker, self._chunk.replicated)
         self._start = jax.jit(jax.vmap(start_walk, in_axes=(None, 0)))
 
     def run(
@@ -152,7 +152,7 @@ class WalkProgram:
         index = jnp.minimum(first + jnp.arange(self.width), conditions.friction.shape[0] - 1)
         conditions, plan = _take((conditions, plan), index)
         state = self._start(self.walker, conditions)
-        return jax.device_put(_Group(conditions, plan, state), self._chunk.split)
+        return jax.device_put(_Group(conditions, plan, state), self._chunk.sharded)
 
 
 class _Group(NamedTuple):

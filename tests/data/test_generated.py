@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from iwalker_jax.data.camera_path import CameraPathSampling, record_camera_path
 from iwalker_jax.data.generated import generate_training_frames, hash_seed
-from iwalker_jax.data.generated_walk import WalkSampling, record_walk
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.scenes.built.families import generate_scene
-from iwalker_jax.scenes.routes import RouteRules
+from iwalker_jax.scenes.routes import RouteParameters
 from iwalker_jax.scenes.scene import Scene
 
 TINY = Intrinsics(8, 6, 4.0, 4.0, 3.5, 2.5)
 """Images too small to look at: these tests are about poses and goals."""
 
-SAMPLING = WalkSampling(frames_per_walk=4, goals_per_frame=8)
+SAMPLING = CameraPathSampling(frames_per_walk=4, goals_per_frame=8)
 FAMILIES = ("corridor_doors", "kitchen", "warehouse")
-RADIUS = RouteRules().inflated_radius
+RADIUS = RouteParameters().inflated_radius
 
 
 def tiny_frames(count, seed=0, families=FAMILIES, sampling=SAMPLING):
@@ -86,7 +86,7 @@ def region_around(labels: np.ndarray, scene: Scene, point: np.ndarray) -> set[in
 def test_the_same_seed_gives_the_same_frames(small_frames):
     """With full images and sensor noise."""
     again = generate_training_frames(
-        8, seed=5, families=("lobby", "open_office"), sampling=WalkSampling(frames_per_walk=4, goals_per_frame=3)
+        8, seed=5, families=("lobby", "open_office"), sampling=CameraPathSampling(frames_per_walk=4, goals_per_frame=3)
     )
     for name in ("depth", "mounts", "goals", "poses", "scene_index"):
         np.testing.assert_array_equal(getattr(again, name), getattr(small_frames, name))
@@ -159,7 +159,7 @@ def test_other_goals_are_spread_over_distances_mostly_ahead(frames):
 
 def test_mount_statistics():
     """Oracle: the sampling's own means and spreads, within four standard errors."""
-    sampling = WalkSampling(frames_per_walk=5, goals_per_frame=1)
+    sampling = CameraPathSampling(frames_per_walk=5, goals_per_frame=1)
     frames = tiny_frames(200, seed=3, families=("open_office",), sampling=sampling)
     assert len(frames.scene_names) == 40
     mounts = frames.mounts.reshape(40, 5, 5).astype(np.float64)
@@ -183,12 +183,12 @@ def test_a_given_route_is_followed_to_its_end():
     """Oracle: distance from a polyline, in NumPy."""
     scene = Scene("hall", "test", np.empty((0, 7)), np.empty((0, 5)), (0.0, 0.0, 10.0, 10.0))
     route = np.array([[1.0, 1.0], [6.0, 1.0], [6.0, 7.0]])
-    walk = record_walk(scene, 0, WalkSampling(frames_per_walk=20), TINY, None, route)
+    walk = record_camera_path(scene, 0, CameraPathSampling(frames_per_walk=20), TINY, None, route)
     assert walk is not None
     np.testing.assert_allclose(in_world(walk.poses, walk.goals[:, :1])[:, 0], np.tile(route[-1], (20, 1)), atol=1e-4)
     x, y = walk.poses[:, 0], walk.poses[:, 1]
     apart = np.minimum(np.hypot(y - 1, np.maximum(x - 6, 0)), np.hypot(x - 6, np.minimum(y - 1, 0)))
-    assert apart.max() < 6 * WalkSampling().lateral_spread
+    assert apart.max() < 6 * CameraPathSampling().lateral_spread
     along = np.maximum(x, 6 * (y > 1.6)) + np.maximum(y - 1, 0) * (y > 1.6)
     assert along[-1] > along[0] + 6 and along[-1] <= 1 + 5 + 6
 
@@ -196,7 +196,7 @@ def test_a_given_route_is_followed_to_its_end():
 def test_a_scene_without_room_to_walk_gives_nothing():
     slab = np.array([[2.0, 2.0, 0.5, 2.0, 2.0, 0.5, 0.0]])
     scene = Scene("full", "test", slab, np.empty((0, 5)), (0.0, 0.0, 4.0, 4.0))
-    assert record_walk(scene, 0, SAMPLING, TINY, None) is None
+    assert record_camera_path(scene, 0, SAMPLING, TINY, None) is None
 
 
 def test_seeds_differ_for_every_combination():
@@ -211,6 +211,6 @@ def test_impossible_requests_are_refused():
     with pytest.raises(InputError, match="ballroom"):
         tiny_frames(1, families=("ballroom",))
     with pytest.raises(InputError, match="at least one frame"):
-        WalkSampling(frames_per_walk=0)
+        CameraPathSampling(frames_per_walk=0)
     with pytest.raises(InputError, match="last_frame"):
-        WalkSampling(max_route=2.0)
+        CameraPathSampling(max_route=2.0)

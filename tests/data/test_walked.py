@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from bruce_model import load_mujoco
-from iwalker_jax.data.generated_walk import WalkSampling
+from iwalker_jax.data.camera_path import CameraPathSampling
 from iwalker_jax.data.sources import joined
 from iwalker_jax.data.walked import frames_from_episodes
 from iwalker_jax.errors import InputError
@@ -12,7 +12,7 @@ from iwalker_jax.scenes.ray_casting import world_camera_pose
 from iwalker_jax.scenes.scene import obstacle_distance
 from tests.evaluation.episode_records import make_record, make_task
 
-SAMPLING = WalkSampling(goals_per_frame=4)
+SAMPLING = CameraPathSampling(goals_per_frame=4)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_frames_of_walks_join_others_of_the_same_kind(camera, frames):
     assert len(both) == 2 * len(frames)
     assert both.scene_index.max() == 1
     other = frames_from_episodes(
-        camera, [make_task()], make_record(images=True), 10, 0, WalkSampling(goals_per_frame=2)
+        camera, [make_task()], make_record(images=True), 10, 0, CameraPathSampling(goals_per_frame=2)
     )
     with pytest.raises(InputError, match="cannot be trained on together"):
         joined(frames, other)

@@ -30,7 +30,7 @@ def shorten_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two test sequences of three frames, instead of four of sixty."""
 
     def standard(names=SCENES, unseen_scenes=1, seed=0, say=lambda sentence: None):
-        recorded = [sequences.record_test_sequence(name, frames=3, seed=seed) for name in names]
+        recorded = [sequences.record_held_out_sequence(name, frames=3, seed=seed) for name in names]
         if unseen_scenes:
             recorded.append(sequences.record_unseen_scenes(unseen_scenes, frames_per_scene=3, seed=seed))
         return recorded

@@ -3,11 +3,11 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.camera_health import HealthRules, check_camera, healthy_camera
+from iwalker_jax.navigation.camera_health import HealthParameters, check_camera, healthy_camera
 from iwalker_jax.navigation.faults import make_faults, obstacles_at, within
 from iwalker_jax.scenes.scene import Scene, obstacle_distance
 
-RULES = HealthRules()
+RULES = HealthParameters()
 RNG = np.random.default_rng(0)
 
 

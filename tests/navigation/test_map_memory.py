@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.map_memory import MemoryRules, empty_memory, remember, remembered, window_origin
+from iwalker_jax.navigation.map_memory import MapMemoryParameters, empty_memory, remember, remembered, window_origin
 from iwalker_jax.perception.grid import DEFAULT_GRID
 
-RULES = MemoryRules(cells=80)
+RULES = MapMemoryParameters(cells=80)
 CENTRES = np.asarray(DEFAULT_GRID.centres())
 NOTHING = jnp.zeros(DEFAULT_GRID.shape, bool)
 update = jax.jit(remember, static_argnums=0)
@@ -84,4 +84,4 @@ def test_a_robot_that_believes_to_have_jumped_starts_afresh():
 
 def test_useless_rules_are_refused():
     with pytest.raises(InputError, match="even number"):
-        MemoryRules(cells=81)
+        MapMemoryParameters(cells=81)

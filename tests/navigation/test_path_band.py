@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.path_band import BandRules, safe_path
+from iwalker_jax.navigation.path_band import BandParameters, safe_path
 from iwalker_jax.perception.distance_field import signed_distance_field
 from iwalker_jax.perception.grid import GridSpec
 
 GRID = GridSpec(-4.0, -4.0, 0.05, 160, 160)
 CENTRES = np.asarray(GRID.centres())
-RULES = BandRules()
+RULES = BandParameters()
 band = jax.jit(lambda path, esdf: safe_path(RULES, path, esdf, GRID))
 STRAIGHT = jnp.stack([jnp.linspace(0.0, 3.0, 60), jnp.zeros(60)], axis=1)
 
@@ -57,7 +57,7 @@ def test_a_path_walled_in_on_all_sides_is_cut():
     """A ring without room for the body around its far end; oracle: the ring's geometry."""
     distance = np.linalg.norm(CENTRES - [2.0, 0.0], axis=-1)
     esdf = signed_distance_field(jnp.asarray((distance > 0.15) & (distance < 0.6)), 0.05)
-    _, cut = safe_path(BandRules(iterations=0), STRAIGHT, esdf, GRID)
+    _, cut = safe_path(BandParameters(iterations=0), STRAIGHT, esdf, GRID)
     assert cut
 
 
@@ -90,4 +90,4 @@ def test_gradients_flow_from_map_and_path():
 
 def test_useless_rules_are_refused():
     with pytest.raises(InputError, match="least < wanted"):
-        BandRules(wanted=0.1, least=0.2)
+        BandParameters(wanted=0.1, least=0.2)

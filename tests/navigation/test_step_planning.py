@@ -5,11 +5,11 @@ import pytest
 from flax import nnx
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.step_planning import PursuitRules, Stance, plan_steps, pursue, stop_steps
+from iwalker_jax.navigation.step_planning import PursuitParameters, Stance, plan_steps, pursue, stop_steps
 from iwalker_jax.planning.istepper import IStepper, IStepperConfig
 from iwalker_jax.planning.robot_state import StepGeometry
 
-RULES, STEPS = PursuitRules(), StepGeometry()
+RULES, STEPS = PursuitParameters(), StepGeometry()
 follow = jax.jit(lambda path, look, centre, heading: pursue(RULES, STEPS, path, look, centre, heading))
 STRAIGHT = np.stack([np.linspace(0, 3, 60), np.zeros(60)], axis=1)
 NOWHERE = np.zeros((60, 2))
@@ -99,4 +99,4 @@ def test_stopping_takes_two_steps_on_the_spot():
 
 def test_useless_rules_are_refused():
     with pytest.raises(InputError, match="positive"):
-        PursuitRules(lookahead=-1.0)
+        PursuitParameters(lookahead=-1.0)

@@ -8,7 +8,7 @@ import pytest
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject
 from iwalker_jax.perception.collision_map import (
-    ObstacleRules,
+    ObstacleParameters,
     occupancy_map,
     point_planes,
     published_collision_map,
@@ -123,4 +123,4 @@ def test_mirroring_the_world_mirrors_the_map():
 )
 def test_rules_that_cannot_be_are_refused(bad):
     with pytest.raises(InputError):
-        ObstacleRules(**bad)
+        ObstacleParameters(**bad)

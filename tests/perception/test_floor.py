@@ -6,7 +6,7 @@ import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
-from iwalker_jax.perception.floor import FloorRules, fit_floor
+from iwalker_jax.perception.floor import FloorParameters, fit_floor
 from tests.perception.box_scene import render
 
 INTRINSICS = Intrinsics()
@@ -101,4 +101,4 @@ def test_real_frames_give_the_known_mount(real_depth_folder):
 @pytest.mark.parametrize("bad", [{"min_height": 3.0}, {"max_roll": 2.0}, {"min_inliers": 0.0}, {"max_depth": -1.0}])
 def test_rules_that_cannot_be_are_refused(bad):
     with pytest.raises(InputError):
-        FloorRules(**bad)
+        FloorParameters(**bad)

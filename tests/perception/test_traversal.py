@@ -7,10 +7,10 @@ from scipy import ndimage
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec, halved, pool_2x2, softened
-from iwalker_jax.perception.traversal import TraversalRules, traversal_cost
+from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
 from tests.gradients import assert_gradients_agree
 
-RULES = TraversalRules()
+RULES = TraversalParameters()
 
 
 def _cost(clearance: float, unknown: float) -> float:
@@ -94,5 +94,5 @@ def test_softened_equals_scipys_uniform_filter(x64):
     "changes", [{"body_radius": 0.5}, {"body_radius": 0.0}, {"contact_ramp": 0.0}, {"contact": -1.0}, {"unknown": -0.1}]
 )
 def test_impossible_rules_are_refused(changes):
-    with pytest.raises(InputError, match=r"TraversalRules|negative"):
-        TraversalRules(**changes)
+    with pytest.raises(InputError, match=r"TraversalParameters|negative"):
+        TraversalParameters(**changes)

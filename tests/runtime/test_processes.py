@@ -7,7 +7,7 @@ import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.processes import ProcessGroup
-from iwalker_jax.runtime.rendezvous import Member, answer_roll_call
+from iwalker_jax.runtime.rendezvous import Member, rendezvous
 from tests.runtime.ports import free_port
 
 
@@ -42,7 +42,7 @@ def roll_call(*members: Member) -> list[str]:
 
     def answer(k: int) -> None:
         try:
-            answer_roll_call(members[k])
+            rendezvous(members[k])
         except InputError as error:
             heard[k] = str(error)
 

@@ -9,7 +9,7 @@ import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
-from iwalker_jax.scenes.built import sequences as test_scenes
+from iwalker_jax.scenes.built import sequences
 from iwalker_jax.scenes.built.families import FAMILIES, ROBOT_RADIUS, connected_free_space, generate_scene
 from iwalker_jax.scenes.built.held_out import held_out_scene
 from iwalker_jax.scenes.built.layout import TRAINING_STYLE
@@ -102,7 +102,7 @@ def test_held_out_styles_lie_outside_training():
         assert getattr(HELD_OUT_STYLE, name)[0] > getattr(TRAINING_STYLE, name)[1]
     training = [generate_scene(family, seed) for family in FAMILIES for seed in range(6)]
     held_out = [held_out_scene(seed) for seed in range(12)]
-    held_out += [test_scenes.test_scene(name) for name in test_scenes.TEST_NAMES]
+    held_out += [sequences.sequence_scene(name) for name in test_scenes.SEQUENCE_NAMES]
     low, high = TRAINING_STYLE.ceiling
     assert all(low <= scene.ceiling <= high for scene in training)
     assert all(scene.ceiling > high for scene in held_out)
@@ -122,7 +122,7 @@ def test_held_out_scenes_are_reproducible_and_connected():
 @pytest.mark.parametrize("name", ["stair", "office", "corridor", "corner"])
 def test_sequences_have_walkable_routes(name):
     """Oracle: clearance sampled each 2 cm of the route; its length, its turns and its end."""
-    sequence = test_scenes.test_sequence(name)
+    sequence = sequences.held_out_sequence(name)
     steps = np.diff(sequence.route, axis=0)
     lengths = np.hypot(*steps.T)
     assert 5.0 <= lengths.sum() <= 12.5
@@ -149,4 +149,4 @@ def test_bad_requests_are_refused():
     with pytest.raises(InputError, match="negative"):
         held_out_scene(-1)
     with pytest.raises(InputError, match="Unknown test sequence"):
-        test_scenes.test_sequence("roof")
+        sequences.held_out_sequence("roof")

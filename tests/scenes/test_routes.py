@@ -13,7 +13,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
 from iwalker_jax.scenes.routes import (
     SCENE_GRID,
-    RouteRules,
+    RouteParameters,
     cost_at,
     free_cells,
     route_map,
@@ -33,7 +33,7 @@ WALLS = [
     (-1.0, 1.1, 1.0, 0.1),
 ]
 GOAL = np.array([5.05, 2.05])
-RADIUS = RouteRules().inflated_radius
+RADIUS = RouteParameters().inflated_radius
 
 
 @pytest.fixture(scope="module")
@@ -147,5 +147,5 @@ def test_straight_line_clearance_equals_dense_sampling(scene):
 
 @pytest.mark.parametrize("changes", [{"inflated_radius": 0.5}, {"inflated_radius": 0.0}, {"discomfort": -1.0}])
 def test_impossible_rules_are_refused(changes):
-    with pytest.raises(InputError, match="RouteRules"):
-        RouteRules(**changes)
+    with pytest.raises(InputError, match="RouteParameters"):
+        RouteParameters(**changes)

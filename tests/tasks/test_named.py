@@ -87,6 +87,6 @@ def test_bad_requests_are_refused():
     with pytest.raises(InputError, match="Unknown demonstration"):
         demonstration("stair")
     with pytest.raises(InputError, match="Unknown test sequence"):
-        demonstrations.test_task("factory")
+        demonstrations.sequence_task("factory")
     with pytest.raises(InputError, match="negative"):
         named_task("office", -1)

@@ -10,10 +10,10 @@ from scipy.sparse.csgraph import dijkstra
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.cost_to_go import cost_to_go
 from iwalker_jax.perception.seen_route import ROUTE_GRID, ROUTE_POINTS, best_routes
-from iwalker_jax.perception.traversal import TraversalRules
+from iwalker_jax.perception.traversal import TraversalParameters
 from iwalker_jax.training.maps import FrameMaps, frame_maps, prepare
 
-RULES = TraversalRules()
+RULES = TraversalParameters()
 
 
 def test_prepare_equals_frame_maps_one_by_one(small_frames, small_data):

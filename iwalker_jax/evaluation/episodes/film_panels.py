@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from iwalker_jax.navigation.map_memory import MemoryRules
+from iwalker_jax.navigation.map_memory import MapMemoryParameters
 from iwalker_jax.perception.camera import Intrinsics
 
 Image = UInt8[np.ndarray, "height width 3"]
@@ -81,7 +81,7 @@ def map_panel(
     pose: Float[np.ndarray, " 3"],
     plan: Plan,
     size: tuple[int, int],
-    rules: MemoryRules = MemoryRules(),
+    rules: MapMemoryParameters = MapMemoryParameters(),
 ) -> Image:
     """The robot's map from above, forward up, with path, footsteps and where the goal lies.
 

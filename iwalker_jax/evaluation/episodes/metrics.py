@@ -13,17 +13,17 @@ from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.film.motion import smooth_track
-from iwalker_jax.navigation.closed_loop import LoopRules
+from iwalker_jax.navigation.closed_loop import LoopParameters
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
-from iwalker_jax.scenes.routes import DEFAULT_ROUTE_RULES, RouteRules, cost_at, shortest_distance
+from iwalker_jax.scenes.routes import DEFAULT_ROUTE_RULES, RouteParameters, cost_at, shortest_distance
 from iwalker_jax.scenes.scene import SceneArrays
 from iwalker_jax.tasks.task import GOAL_CAPACITY, Task
 
 AHEAD = 0.5
 """[m] along a planned path from its start to where its shaking is measured."""
 
-ARRIVAL = LoopRules.arrival
+ARRIVAL = LoopParameters.arrival
 """[m] from a goal at which a robot takes it for reached, by its own estimate of where it is."""
 
 SLACK = 0.10
@@ -178,7 +178,7 @@ def walked_distance(places: Float[np.ndarray, "n 2"], times: Float[np.ndarray, "
     return float(np.linalg.norm(np.diff(smooth_track(places, period), axis=0), axis=1).sum())
 
 
-def shortest_route(task: Task, rules: RouteRules = DEFAULT_ROUTE_RULES) -> float:
+def shortest_route(task: Task, rules: RouteParameters = DEFAULT_ROUTE_RULES) -> float:
     """[m] length that nobody can walk less than to reach all goals in order; NaN if there is no route.
 
     That is the shortest walkable route over the goals' centres, less what is spared because a goal counts from
@@ -207,7 +207,7 @@ def shortest_route(task: Task, rules: RouteRules = DEFAULT_ROUTE_RULES) -> float
 
 @functools.partial(jax.jit, static_argnames="rules")
 def _lengths(
-    scene: SceneArrays, stop: Float[jax.Array, " 2"], places: Float[jax.Array, "s k 2"], rules: RouteRules
+    scene: SceneArrays, stop: Float[jax.Array, " 2"], places: Float[jax.Array, "s k 2"], rules: RouteParameters
 ) -> Float[jax.Array, "s k"]:
     return cost_at(shortest_distance(scene, stop, rules), places)
 

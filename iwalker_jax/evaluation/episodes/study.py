@@ -24,7 +24,7 @@ from iwalker_jax.evaluation.episodes.walks import (
     walks_of,
 )
 from iwalker_jax.navigation.record import EpisodeRecord
-from iwalker_jax.runtime.processes import is_first, part
+from iwalker_jax.runtime.processes import barrier, is_first
 from iwalker_jax.tasks.task import Task
 
 Groups = dict[tuple[str, str], list[EpisodeMetrics]]
@@ -159,7 +159,7 @@ def run_study(
                 navigation_table(grouped(settings, walks, load_logs(folder))).save(folder, "navigation")
         done += size
         on_progress(Progress(done, total, policy, 0))
-    part()
+    barrier()
     if not is_first():
         return study
     known = load_logs(folder)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from iwalker_jax.evaluation.tables import COLUMNS, Table, aligned_text, markdown_table, spread
-from iwalker_jax.scenes.built.sequences import TEST_NAMES
+from iwalker_jax.scenes.built.sequences import SEQUENCE_NAMES
 
 _DECIMALS = 3
 
@@ -19,7 +19,7 @@ class PaperTable:
     Attributes:
         number: Roman.
         metric: title of the results' column that it shows; lower is better.
-        published: the paper's own figures by method, in the order of `TEST_NAMES`: single runs, other scenes and
+        published: the paper's own figures by method, in the order of `SEQUENCE_NAMES`: single runs, other scenes and
             another robot's camera, so their order counts and not their size.
     """
 
@@ -68,7 +68,7 @@ def scene_values(results: Table, metric: str) -> dict[str, dict[str, np.ndarray]
     """
     values: dict[str, dict[str, np.ndarray]] = {}
     for (method, scene), seeds in results.rows:
-        if scene in TEST_NAMES:
+        if scene in SEQUENCE_NAMES:
             values.setdefault(method, {})[scene] = np.array([seed[metric] for seed in seeds])
     return values
 
@@ -98,7 +98,7 @@ def paper_cells(results: Table, table: PaperTable, mark: str = "**") -> list[lis
         mark: put on both sides of the best.
     """
     values = scene_values(results, table.metric)
-    scenes = [scene for scene in TEST_NAMES if all(scene in row for row in values.values())]
+    scenes = [scene for scene in SEQUENCE_NAMES if all(scene in row for row in values.values())]
     lines = [["method", *scenes]]
     for method, row in values.items():
         cells = []
@@ -109,7 +109,7 @@ def paper_cells(results: Table, table: PaperTable, mark: str = "**") -> list[lis
             cells.append(f"{mark}{text}{mark}" if method in best_methods(values, scene) else text)
         lines.append([method, *cells])
     for method, numbers in table.published:
-        shown = dict(zip(TEST_NAMES, numbers, strict=True))
+        shown = dict(zip(SEQUENCE_NAMES, numbers, strict=True))
         lines.append([f"published {method}", *(f"{shown[scene]:g}" for scene in scenes)])
     return lines
 

@@ -7,17 +7,17 @@ from iwalker_jax.evaluation.frames.pictures import save_sheet
 from iwalker_jax.evaluation.frames.sequences import (
     Sequence,
     evaluate_sequence,
-    record_test_sequence,
+    record_held_out_sequence,
     record_unseen_scenes,
 )
 from iwalker_jax.evaluation.tables import Table, result_row
 from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import Planner
-from iwalker_jax.scenes.built.sequences import TEST_NAMES
+from iwalker_jax.scenes.built.sequences import SEQUENCE_NAMES
 
 
 def standard_sequences(
-    names: tuple[str, ...] = TEST_NAMES,
+    names: tuple[str, ...] = SEQUENCE_NAMES,
     unseen_scenes: int = 60,
     seed: int = 0,
     say: Callable[[str], None] = lambda sentence: None,
@@ -26,7 +26,7 @@ def standard_sequences(
     sequences = []
     for name in names:
         say(f"recording the test sequence {name}")
-        sequences.append(record_test_sequence(name, seed=seed))
+        sequences.append(record_held_out_sequence(name, seed=seed))
     if unseen_scenes:
         say(f"recording walks through {unseen_scenes} unseen scenes")
         sequences.append(record_unseen_scenes(unseen_scenes, seed=seed))

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from flax import nnx
 
+from iwalker_jax.data.camera_path import CameraPathSampling, record_camera_path
 from iwalker_jax.data.frames import FrameSet
 from iwalker_jax.data.generated import concatenate_walks
-from iwalker_jax.data.generated_walk import WalkSampling, record_walk
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.frames.metrics import (
     PlanMetrics,
@@ -29,7 +29,7 @@ from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.planning.robot_state import sample_robot_state
 from iwalker_jax.scenes.built.held_out import held_out_scene
-from iwalker_jax.scenes.built.sequences import TEST_NAMES, test_sequence
+from iwalker_jax.scenes.built.sequences import SEQUENCE_NAMES, held_out_sequence
 from iwalker_jax.scenes.routes import shortest_distance
 from iwalker_jax.scenes.scene import Scene
 
@@ -76,13 +76,15 @@ class SequenceResult:
     maps: LocalMap
 
 
-def record_test_sequence(name: str, frames: int = 60, seed: int = 0) -> Sequence:
+def record_held_out_sequence(name: str, frames: int = 60, seed: int = 0) -> Sequence:
     """The named test sequence (stair, office, corridor, corner): noisy frames along its route, goal at its end."""
-    if name not in TEST_NAMES:
-        raise InputError(f"Unknown test scene {name!r}; choose one of {', '.join(TEST_NAMES)}.")
-    sequence = test_sequence(name)
-    sampling = WalkSampling(frames_per_walk=frames)
-    walk = record_walk(sequence.scene, seed=1_000_003 + seed, sampling=sampling, route=np.asarray(sequence.route))
+    if name not in SEQUENCE_NAMES:
+        raise InputError(f"Unknown test scene {name!r}; choose one of {', '.join(SEQUENCE_NAMES)}.")
+    sequence = held_out_sequence(name)
+    sampling = CameraPathSampling(frames_per_walk=frames)
+    walk = record_camera_path(
+        sequence.scene, seed=1_000_003 + seed, sampling=sampling, route=np.asarray(sequence.route)
+    )
     if walk is None:
         raise InputError(f"The route of test scene {name!r} does not fit the robot.")
     return Sequence(name, walk, (sequence.scene,))
@@ -94,11 +96,11 @@ def record_unseen_scenes(
     """Walks through scenes of the held-out generator, which no training seed can produce."""
     parts: list[FrameSet] = []
     kept: list[Scene] = []
-    sampling = WalkSampling(frames_per_walk=frames_per_scene)
+    sampling = CameraPathSampling(frames_per_walk=frames_per_scene)
     number = 0
     while len(parts) < scenes:
         scene = held_out_scene(seed * 10_000 + number)
-        walk = record_walk(scene, seed=2_000_003 + seed * 10_000 + number, sampling=sampling)
+        walk = record_camera_path(scene, seed=2_000_003 + seed * 10_000 + number, sampling=sampling)
         number += 1
         if walk is not None:
             parts.append(walk)

@@ -12,7 +12,7 @@ import numpy as np
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.tables import Column, aligned_text, markdown_table
 from iwalker_jax.evaluation.walks.metrics import WalkMetrics, speed_error
-from iwalker_jax.runtime.files import written_whole
+from iwalker_jax.runtime.files import atomic_write
 
 
 class Labels(NamedTuple):
@@ -123,7 +123,7 @@ class WalkTable:
         (folder / f"{name}.txt").write_text(f"{self.text()}\n\n{legend()}\n")
         (folder / f"{name}.md").write_text(f"{self.markdown()}\n\n{legend()}\n")
         # Whole, so that it can be read again whenever the study was stopped.
-        with written_whole(folder / f"{name}.csv") as part, part.open("w", newline="") as stream:
+        with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as stream:
             writer = csv.writer(stream)
             writer.writerow(_HEADER)
             for labels, row in self.rows:

@@ -15,7 +15,7 @@ from iwalker_jax.scenes.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class TestSequence:
+class HeldOutSequence:
     """A test scene and the walk through it.
 
     Attributes:
@@ -33,21 +33,21 @@ class TestSequence:
         return float(self.route[-1, 0]), float(self.route[-1, 1])
 
 
-def test_sequence(name: str) -> TestSequence:
-    """The test sequence of a name in `TEST_NAMES`.
+def held_out_sequence(name: str) -> HeldOutSequence:
+    """The test sequence of a name in `SEQUENCE_NAMES`.
 
     Raises:
         InputError: for an unknown name.
     """
     if name not in _SEQUENCES:
-        raise InputError(f"Unknown test sequence {name!r}; choose one of {', '.join(TEST_NAMES)}.")
+        raise InputError(f"Unknown test sequence {name!r}; choose one of {', '.join(SEQUENCE_NAMES)}.")
     layout, route = _SEQUENCES[name]()
-    return TestSequence(layout.scene(f"test-{name}", f"test_{name}"), np.asarray(route))
+    return HeldOutSequence(layout.scene(f"test-{name}", f"test_{name}"), np.asarray(route))
 
 
-def test_scene(name: str) -> Scene:
+def sequence_scene(name: str) -> Scene:
     """The scene of the test sequence of that name."""
-    return test_sequence(name).scene
+    return held_out_sequence(name).scene
 
 
 def _stair() -> tuple[Layout, list[tuple[float, float]]]:
@@ -185,4 +185,4 @@ _SEQUENCES: dict[str, Callable[[], tuple[Layout, list[tuple[float, float]]]]] = 
     "corner": _corner,
 }
 
-TEST_NAMES: tuple[str, ...] = tuple(_SEQUENCES)
+SEQUENCE_NAMES: tuple[str, ...] = tuple(_SEQUENCES)

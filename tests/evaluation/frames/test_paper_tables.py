@@ -16,7 +16,7 @@ from iwalker_jax.evaluation.frames.paper_tables import (
     verdict,
 )
 from iwalker_jax.evaluation.tables import COLUMNS, Table
-from iwalker_jax.scenes.built.sequences import TEST_NAMES
+from iwalker_jax.scenes.built.sequences import SEQUENCE_NAMES
 
 TITLES = [column.title for column in COLUMNS]
 SEEDS = {"iplanner": (2.0, 2.2, 2.4), "finetuned": (1.0, 1.6, 2.2), "iwalker": (0.5, 0.6, 0.7)}
@@ -25,7 +25,7 @@ SEEDS = {"iplanner": (2.0, 2.2, 2.4), "finetuned": (1.0, 1.6, 2.2), "iwalker": (
 def results(**scenes: dict[str, tuple[float, ...]]) -> Table:
     """Rows whose every column has the same values; scenes that are not named have `SEEDS`."""
     rows = []
-    for scene in (*TEST_NAMES, "unseen"):
+    for scene in (*SEQUENCE_NAMES, "unseen"):
         for method, seeds in scenes.get(scene, SEEDS).items():
             rows.append(((method, scene), tuple(dict.fromkeys(TITLES, value) for value in seeds)))
     return Table(tuple(rows), labels=("method", "scene"))
@@ -34,7 +34,7 @@ def results(**scenes: dict[str, tuple[float, ...]]) -> Table:
 def test_cells_are_means_and_deviations_with_the_best_marked():
     """Oracle: NumPy; the unseen scenes are not in the paper's tables."""
     header, *lines = paper_cells(results(), PAPER_TABLES[0])
-    assert header == ["method", *TEST_NAMES]
+    assert header == ["method", *SEQUENCE_NAMES]
     assert lines[0][1] == f"{np.mean(SEEDS['iplanner']):.3f} +- {np.std(SEEDS['iplanner'], ddof=1):.3f}"
     assert lines[2][1:] == [f"**0.600 +- {np.std(SEEDS['iwalker'], ddof=1):.3f}**"] * 4
     assert not any("*" in cell for line in lines if line[0] != "iwalker" for cell in line)
@@ -58,7 +58,7 @@ def test_what_prints_alike_is_best_alike():
 def test_cells_that_read_alike_are_no_win():
     """Oracle: the printed means themselves; the paper's metrics have as many decimals in the study's own table."""
     values = {"iplanner": (0.0014, 0.0014), "finetuned": (0.0016, 0.0016), "iwalker": (0.0005, 0.0006)}
-    table = results(**dict.fromkeys(TEST_NAMES, values))
+    table = results(**dict.fromkeys(SEQUENCE_NAMES, values))
     cells = {line[0]: line[1].strip("*").split(" ")[0] for line in paper_cells(table, PAPER_TABLES[2])[1:4]}
     assert cells == {"iplanner": "0.001", "finetuned": "0.002", "iwalker": "0.001"}
     said = verdict(table, PAPER_TABLES[2])
@@ -85,7 +85,7 @@ def test_the_verdict_counts_scenes():
 
 def test_one_seed_has_no_deviation():
     single = {method: seeds[:1] for method, seeds in SEEDS.items()}
-    table = results(**dict.fromkeys(TEST_NAMES, single))
+    table = results(**dict.fromkeys(SEQUENCE_NAMES, single))
     assert paper_cells(table, PAPER_TABLES[1])[1][1] == "2.000"
     assert "spreads" not in verdict(table, PAPER_TABLES[1])
 

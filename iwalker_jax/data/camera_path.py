@@ -18,7 +18,7 @@ from iwalker_jax.scenes.scene import Scene, SceneArrays, obstacle_distance
 
 
 @dataclass(frozen=True)
-class WalkSampling:
+class CameraPathSampling:
     """How a robot walks through a scene while its camera records.
 
     Attributes:
@@ -61,13 +61,13 @@ class WalkSampling:
         if self.frames_per_walk < 1 or self.goals_per_frame < 1:
             raise InputError("A walk needs at least one frame and one goal per frame.")
         if not 0 < self.last_frame < self.min_route < self.max_route:
-            raise InputError("WalkSampling needs 0 < last_frame < min_route < max_route [m].")
+            raise InputError("CameraPathSampling needs 0 < last_frame < min_route < max_route [m].")
 
 
-def record_walk(
+def record_camera_path(
     scene: Scene,
     seed: int,
-    sampling: WalkSampling = WalkSampling(),
+    sampling: CameraPathSampling = CameraPathSampling(),
     intrinsics: Intrinsics = Intrinsics(),
     noise: DepthNoise | None = DepthNoise(),
     route: np.ndarray | None = None,
@@ -152,7 +152,7 @@ noisy_walk = jax.jit(_add_noise, static_argnames=("noise", "intrinsics"))
 
 
 def _random_route(
-    arrays: SceneArrays, free: np.ndarray, origin: np.ndarray, rng: np.random.Generator, sampling: WalkSampling
+    arrays: SceneArrays, free: np.ndarray, origin: np.ndarray, rng: np.random.Generator, sampling: CameraPathSampling
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """A smoothed random route (n, 2) [m, world] and the cells from which its goal can be reached."""
     cells = np.argwhere(free)
@@ -184,7 +184,7 @@ def _cell_centre(cell: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 
 def _poses_along(
-    route: np.ndarray, rng: np.random.Generator, sampling: WalkSampling, arrays: SceneArrays
+    route: np.ndarray, rng: np.random.Generator, sampling: CameraPathSampling, arrays: SceneArrays
 ) -> np.ndarray:
     """(n, 3) base poses: evenly along the route with random phase, looking half a metre ahead."""
     n = sampling.frames_per_walk
@@ -205,7 +205,7 @@ def _poses_along(
     return np.column_stack([position, heading]).astype(np.float32)
 
 
-def _mounts(n: int, rng: np.random.Generator, sampling: WalkSampling) -> np.ndarray:
+def _mounts(n: int, rng: np.random.Generator, sampling: CameraPathSampling) -> np.ndarray:
     """(n, 5) camera mounts: one height, pitch and roll a walk, and the gait's sway in every image."""
     height = rng.normal(sampling.height, sampling.height_spread) + rng.normal(0.0, sampling.sway_height, n)
     pitch = rng.normal(sampling.pitch, sampling.pitch_spread) + rng.normal(0.0, sampling.sway_angle, n)
@@ -220,7 +220,7 @@ def reachable_goals(
     cells: np.ndarray,
     origin: np.ndarray,
     rng: np.random.Generator,
-    sampling: WalkSampling,
+    sampling: CameraPathSampling,
 ) -> np.ndarray:
     """(n, g, 2) goals in each frame's base frame: the route's end, then reachable cells, most of them ahead.
 
