@@ -38,7 +38,8 @@ class GuidanceParameters:
             are drawn off the remembered obstacles and cut before a collision.
         ahead: [m] along the route to the way point that iPath gets.
         headway: share of the cost to that point that iPath's path must take off the cost-to-go; else the route is used.
-        memory, band_parameters, traversal: their numbers; routes keep the gait's sway off obstacles as well as the body.
+        memory, band_parameters, traversal: their numbers; routes keep the sway of the gait off obstacles as well as the
+            body.
     """
 
     source: PathSource = "guided"

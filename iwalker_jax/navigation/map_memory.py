@@ -70,7 +70,7 @@ def empty_memory(rules: MapMemoryParameters, xy: Float[Array, "2"]) -> MapMemory
 
 
 def window_origin(rules: MapMemoryParameters, memory: MapMemory) -> Float[Array, "2"]:
-    """World position [m] of the window's middle: subtract it from world points to sample on `MapMemoryParameters.grid`."""
+    """World position [m] of the window's middle: subtract it from world points to sample on the memory's grid."""
     return memory.middle.astype(memory.evidence.dtype) * rules.resolution
 
 

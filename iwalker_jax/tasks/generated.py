@@ -23,7 +23,7 @@ from iwalker_jax.tasks.task import Task
 
 
 @dataclass(frozen=True)
-class EpisodeParameters:
+class TaskSampling:
     """Which pairs of start and goal make a task.
 
     Attributes:
@@ -44,7 +44,7 @@ class EpisodeParameters:
     def __post_init__(self) -> None:
         if not (0 < self.nearest < self.farthest and self.most_detour > 1 and self.look_ahead > 0):
             raise InputError(
-                "EpisodeParameters needs 0 < nearest < farthest [m], most_detour > 1 and look_ahead > 0 [m]; correct them."
+                "TaskSampling needs 0 < nearest < farthest [m], most_detour > 1 and look_ahead > 0 [m]; correct them."
             )
 
 
@@ -52,7 +52,7 @@ _HELD_OUT_KEY, _TRAINING_KEY = 16_180, 33_988
 _SCENES, _PAIRS, _ROUTES = 20, 400, 4
 
 
-def generated_task(seed: int, rules: EpisodeParameters = EpisodeParameters()) -> Task:
+def generated_task(seed: int, rules: TaskSampling = TaskSampling()) -> Task:
     """The held-out task of a seed, in a scene that training never shows; the same arguments give the same task.
 
     Raises:
@@ -61,7 +61,7 @@ def generated_task(seed: int, rules: EpisodeParameters = EpisodeParameters()) ->
     return _draw(f"unseen-{seed}", _HELD_OUT_KEY, seed, rules, lambda rng: held_out_scene(int(rng.integers(2**31))))
 
 
-def training_task(seed: int, rules: EpisodeParameters = EpisodeParameters()) -> Task:
+def training_task(seed: int, rules: TaskSampling = TaskSampling()) -> Task:
     """Like `generated_task`, in a scene of a training family.
 
     Raises:
@@ -74,7 +74,7 @@ def training_task(seed: int, rules: EpisodeParameters = EpisodeParameters()) -> 
     return _draw(f"training-{seed}", _TRAINING_KEY, seed, rules, scene)
 
 
-def generated_tasks(count: int, seed: int = 0, rules: EpisodeParameters = EpisodeParameters()) -> list[Task]:
+def generated_tasks(count: int, seed: int = 0, rules: TaskSampling = TaskSampling()) -> list[Task]:
     """`generated_task` of `count` successive seeds.
 
     Raises:
@@ -86,7 +86,7 @@ def generated_tasks(count: int, seed: int = 0, rules: EpisodeParameters = Episod
 
 
 def _draw(
-    name: str, key: int, seed: int, rules: EpisodeParameters, scene_of: Callable[[np.random.Generator], Scene]
+    name: str, key: int, seed: int, rules: TaskSampling, scene_of: Callable[[np.random.Generator], Scene]
 ) -> Task:
     """A task from successive sub-seeds; scenes in which nothing stands between free places are passed over."""
     if seed < 0:
@@ -105,9 +105,7 @@ def _draw(
     raise RuntimeError(f"Task {name}: none of {_SCENES} scenes has a start and a goal that obey {rules}.")
 
 
-def _blocked_pairs(
-    arrays: SceneArrays, rng: np.random.Generator, rules: EpisodeParameters
-) -> Float[np.ndarray, "n 2 2"]:
+def _blocked_pairs(arrays: SceneArrays, rng: np.random.Generator, rules: TaskSampling) -> Float[np.ndarray, "n 2 2"]:
     """A few random starts and goals with room around them and something in between."""
     bounds = np.asarray(arrays.bounds, np.float64)
     pairs = rng.uniform(bounds[:2], bounds[2:], size=(_PAIRS, 2, 2))

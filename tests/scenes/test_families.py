@@ -102,7 +102,7 @@ def test_held_out_styles_lie_outside_training():
         assert getattr(HELD_OUT_STYLE, name)[0] > getattr(TRAINING_STYLE, name)[1]
     training = [generate_scene(family, seed) for family in FAMILIES for seed in range(6)]
     held_out = [held_out_scene(seed) for seed in range(12)]
-    held_out += [sequences.sequence_scene(name) for name in test_scenes.SEQUENCE_NAMES]
+    held_out += [sequences.sequence_scene(name) for name in sequences.SEQUENCE_NAMES]
     low, high = TRAINING_STYLE.ceiling
     assert all(low <= scene.ceiling <= high for scene in training)
     assert all(scene.ceiling > high for scene in held_out)

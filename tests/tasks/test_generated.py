@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.scenes.built.families import FAMILIES
-from iwalker_jax.tasks.generated import EpisodeParameters, generated_task, generated_tasks, training_task
+from iwalker_jax.tasks.generated import TaskSampling, generated_task, generated_tasks, training_task
 from tests.tasks.free_space import CELL, cell_of, clearance_map, connected
 
 
@@ -33,7 +33,7 @@ def shortest_length(scene, clearance, start, goal, radius):
 @pytest.mark.parametrize(("draw", "count"), [(generated_task, 20), (training_task, 12)])
 def test_tasks_need_a_detour_and_have_one(draw, count):
     """Oracle: distance transform, connected components and Dijkstra on a raster, for every rule of a task."""
-    rules = EpisodeParameters()
+    rules = TaskSampling()
     slack = 2 * CELL
     for seed in range(count):
         task = draw(seed)
@@ -97,4 +97,4 @@ def test_bad_requests_are_refused():
     with pytest.raises(InputError, match="at least one task"):
         generated_tasks(0)
     with pytest.raises(InputError, match="nearest < farthest"):
-        EpisodeParameters(nearest=3.0, farthest=2.0)
+        TaskSampling(nearest=3.0, farthest=2.0)
