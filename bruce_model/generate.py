@@ -4,6 +4,7 @@ import argparse
 import sys
 
 from bruce_model import BRUCE_XML, mjcf_text
+from iwalker_jax.runtime.files import write_text
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -17,7 +18,7 @@ def main(arguments: list[str] | None = None) -> int:
             return 0
         print(f"{BRUCE_XML.name} is not up to date; run `python -m bruce_model.generate`.", file=sys.stderr)
         return 1
-    BRUCE_XML.write_text(text, encoding="utf-8")
+    write_text(BRUCE_XML, text)
     print(f"wrote {BRUCE_XML}")
     return 0
 

@@ -26,6 +26,7 @@ from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.navigation.record import Outcome
+from iwalker_jax.runtime.files import write_json
 from iwalker_jax.tasks.generated import training_task
 
 
@@ -94,7 +95,7 @@ def collect(command: Command) -> None:
                 seed = command.seed + first
                 record = program.run(tasks, seed=seed)
                 names = [Outcome(int(last)).name.lower().replace("_", " ") for last in record.outcome[:, -1]]
-                file.with_suffix(".json").write_text(json.dumps(names) + "\n")
+                write_json(file.with_suffix(".json"), names)
                 save_frames(frames_from_episodes(navigator.camera, tasks, record, command.stride, seed), file)
             parts.append(load_frames(file))
             ends.update(json.loads(file.with_suffix(".json").read_text()))
@@ -118,7 +119,7 @@ def parts_folder(command: Command, planner: str, width: int) -> Path:
     wanted = {name: getattr(command, name) for name in names} | {"planner": planner, "width": width}
     settings = folder / "settings.json"
     if not any(folder.iterdir()):
-        settings.write_text(json.dumps(wanted, indent=2) + "\n")
+        write_json(settings, wanted)
     elif not settings.exists() or json.loads(settings.read_text()) != wanted:
         raise InputError(f"{folder} holds something else or walks with other options; move it or choose another --out.")
     finished = sum(file.stem.isdigit() for file in folder.glob("*.npz"))

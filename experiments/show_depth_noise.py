@@ -25,7 +25,7 @@ class Config:
 
     Attributes:
         real: folder of 16-bit PNG depth images in millimetres, in order; without it only simulated frames are shown.
-        output: picture to write.
+        output: PNG to write.
         families: scene families to show.
         seed: of scenes, poses and noise.
     """
@@ -97,10 +97,9 @@ def main(config: Config) -> None:
     """Measure, print and draw."""
     configure_runtime()
     import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
     from rich.console import Console
+
+    from iwalker_jax.evaluation.figures import pyplot, save_figure
 
     ideal, simulated = _simulated_views(config)
     rows = [("ideal", ideal), ("simulated", simulated[:, 0])]
@@ -112,7 +111,7 @@ def main(config: Config) -> None:
         statistics["real, quietest 4 frames"] = frame_statistics(quietest_stretch(frames))
     Console().print(_table(statistics))
 
-    figure, axes = plt.subplots(
+    figure, axes = pyplot().subplots(
         len(rows), len(ideal), figsize=(4.0 * len(ideal), 2.6 * len(rows)), squeeze=False, layout="constrained"
     )
     colours = matplotlib.colormaps["viridis"].copy()
@@ -123,8 +122,7 @@ def main(config: Config) -> None:
             axis.set(xticks=[], yticks=[])
         line[0].set_ylabel(name)
     figure.colorbar(drawn, ax=axes, label="depth [m], white = no return", shrink=0.7)
-    config.output.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(config.output, dpi=90)
+    save_figure(figure, config.output, dpi=90)
     Console().print(f"Picture: {config.output}")
 
 

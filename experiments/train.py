@@ -8,7 +8,6 @@ if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
 
 import dataclasses
-import json
 import tempfile
 import time
 from dataclasses import dataclass
@@ -33,6 +32,7 @@ from iwalker_jax.evaluation.frames.report import evaluate_all, standard_sequence
 from iwalker_jax.evaluation.frames.sequences import Sequence
 from iwalker_jax.evaluation.tables import legend
 from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.runtime.files import write_json
 from iwalker_jax.runtime.processes import ProcessGroup, barrier, is_first, leave
 from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.config import PRESETS, TrainConfig, config_to_dict
@@ -157,7 +157,7 @@ def main(arguments: list[str] | None = None) -> int:
         if result.interrupted:
             return 130
         barrier()
-        config_file(command.out).write_text(json.dumps(config_to_dict(command.config), indent=2) + "\n")
+        write_json(config_file(command.out), config_to_dict(command.config))
         planner = planner_from(command.config, result.state.params)
         save_planner(command.out / "planner.npz", planner, command.config)
         sequences = standard_sequences(unseen_scenes=command.unseen_scenes, say=say)

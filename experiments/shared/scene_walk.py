@@ -1,7 +1,6 @@
 """The walk through a scene: camera, planner, walking and physics for one robot, with its trace, film and figures."""
 
 import dataclasses
-import json
 import math
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,6 +21,7 @@ from iwalker_jax.navigation.body_volume import BodyVolume
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
+from iwalker_jax.runtime.files import write_json
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene
 from iwalker_jax.scenes.imported.voxel_boxes import Bounds
 from iwalker_jax.scenes.routes import DEFAULT_ROUTE_RULES
@@ -153,7 +153,7 @@ def walk_in_scene(walk: SceneWalk) -> None:
     walk.out.mkdir(parents=True, exist_ok=True)
     save_episode(task, episode, walk.out / "trace.png")
     plain = {name: value if isinstance(value, str) else finite_or_none(float(value)) for name, value in figures.items()}
-    (walk.out / "figures.json").write_text(json.dumps(plain, indent=2) + "\n")
+    write_json(walk.out / "figures.json", plain)
     filmed = walk.video and _film(walk.out / "film.mp4", task, episode)
     say(f"Trace{', figures and film' if filmed else ' and figures'} are in {walk.out}.")
 

@@ -1,6 +1,5 @@
 """What `walk` leaves behind: printed figures, summary, records, pictures and video."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from iwalker_jax.evaluation.walks.tables import summarise
 from iwalker_jax.evaluation.walks.traces import save_trace_grid
 from iwalker_jax.film.filming import Overlays
 from iwalker_jax.film.video import show, write_video
+from iwalker_jax.runtime.files import write_json, write_npz
 from iwalker_jax.walking.batch import BatchResult
 from iwalker_jax.walking.commands import Walk
 from iwalker_jax.walking.record import WalkRecord
@@ -81,11 +81,10 @@ def save_figures(
         "run seconds": result.seconds,
         "robot-seconds a second": result.robot_seconds_per_second,
     }
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    write_json(folder / "summary.json", summary)
     met = {f"met_{name}": value for name, value in conditions._asdict().items() if name != "key"}
     plan = {f"plan_{name}": value for name, value in walk.plan._asdict().items()}
-    arrays = {name: np.asarray(value) for name, value in (result.sample._asdict() | plan | met).items()}
-    np.savez_compressed(folder / "samples.npz", allow_pickle=False, **arrays)
+    write_npz(folder / "samples.npz", result.sample._asdict() | plan | met)
 
 
 def finite_or_none(value: float) -> float | None:

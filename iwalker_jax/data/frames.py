@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.files import atomic_write
+from iwalker_jax.runtime.files import atomic_write, write_text
 
 DEPTH_UNIT = 0.001
 """[m] stored depth unit: depth images rest as uint16 millimetres, as the sensors deliver them."""
@@ -103,7 +103,7 @@ def save_frames(frames: FrameSet, file: Path) -> None:
     try:
         with atomic_write(file) as part:
             part.write_bytes(payload)
-        checksum_file(file).write_text(hashlib.sha256(payload).hexdigest() + "\n")
+        write_text(checksum_file(file), hashlib.sha256(payload).hexdigest() + "\n")
     except OSError as error:
         raise InputError(f"Cannot write {file}: {error.strerror}; free some space or choose another folder.") from error
 

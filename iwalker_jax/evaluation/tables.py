@@ -1,6 +1,5 @@
 """Tables of results as text, Markdown and CSV, with mean and spread over seeds, frames or episodes."""
 
-import csv
 from collections.abc import Sequence as Rows
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 
 from iwalker_jax.evaluation.frames.sequences import SequenceResult
 from iwalker_jax.evaluation.intervals import wilson_interval
+from iwalker_jax.runtime.files import write_csv, write_text
 
 
 @dataclass(frozen=True)
@@ -94,14 +94,13 @@ class Table:
 
     def save(self, folder: Path, name: str) -> None:
         """Write name.md and name.csv (one line a seed, full precision)."""
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{name}.md").write_text(self.markdown() + "\n\n" + legend(self.columns) + "\n")
-        with (folder / f"{name}.csv").open("w", newline="") as stream:
-            writer = csv.writer(stream)
-            writer.writerow([*self.labels, self.each, *(column.title for column in self.columns)])
-            for labels, seeds in self.rows:
-                for number, seed in enumerate(seeds):
-                    writer.writerow([*labels, number, *(seed[column.title] for column in self.columns)])
+        write_text(folder / f"{name}.md", f"{self.markdown()}\n\n{legend(self.columns)}\n")
+        lines = [
+            [*labels, number, *(seed[column.title] for column in self.columns)]
+            for labels, seeds in self.rows
+            for number, seed in enumerate(seeds)
+        ]
+        write_csv(folder / f"{name}.csv", [[*self.labels, self.each, *(c.title for c in self.columns)], *lines])
 
 
 def _cell(values: Rows[float], column: Column) -> str:

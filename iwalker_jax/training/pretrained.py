@@ -11,6 +11,7 @@ from flax import nnx
 
 from iwalker_jax.errors import CheckpointError
 from iwalker_jax.planning.planner import Planner
+from iwalker_jax.runtime.files import write_npz
 from iwalker_jax.training.config import TrainConfig, config_from_dict, config_to_dict
 from iwalker_jax.training.train_step import make_planner, planner_from
 
@@ -28,8 +29,7 @@ def save_planner(file: Path, planner: Planner, config: TrainConfig) -> None:
     arrays = {jax.tree_util.keystr(path): np.asarray(leaf, np.float16) for path, leaf in leaves}
     arrays[_CONFIG] = np.asarray(json.dumps(config_to_dict(config)))
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        write_npz(file, arrays)
     except OSError as error:
         raise CheckpointError(f"Cannot write the planner to {file}: {error.strerror}; choose another place.") from error
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.files import write_npz, write_text
 
 
 class MetricsLog:
@@ -17,9 +18,8 @@ class MetricsLog:
 
     def __init__(self, folder: Path, first_step: int = 0, tensorboard: bool = False):
         self.file = Path(folder) / "metrics.jsonl"
-        self.file.parent.mkdir(parents=True, exist_ok=True)
         kept = [line for line in read_metrics(self.file) if line["step"] < first_step]
-        self.file.write_text("".join(json.dumps(line) + "\n" for line in kept))
+        write_text(self.file, "".join(json.dumps(line) + "\n" for line in kept))
         self._stream = self.file.open("a", buffering=1)
         self._board = _tensorboard(folder) if tensorboard else None
 
@@ -54,13 +54,8 @@ def read_metrics(file: Path) -> list[dict[str, Any]]:
 def save_broken_batch(folder: Path, step: int, index: np.ndarray, values: dict[str, Any], state: Any) -> Path:
     """Keep what made a step's loss or gradient non-finite: frame indices, losses, random key and step."""
     file = Path(folder) / f"broken_batch_{step:06d}.npz"
-    np.savez(
-        file,
-        frame_index=index,
-        key=np.asarray(state.key),
-        step=step,
-        losses=np.array(json.dumps({name: float(value) for name, value in values.items()})),
-    )
+    losses = json.dumps({name: float(value) for name, value in values.items()})
+    write_npz(file, {"frame_index": index, "key": state.key, "step": step, "losses": np.array(losses)})
     return file
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.files import write_npz
 from iwalker_jax.walking.batch import BrokenRow
 from iwalker_jax.walking.rollout import Conditions, Walker, WalkState, start_walk, walk_tick
 
@@ -67,8 +68,7 @@ def save_dump(file: Path, walker: Walker, broken: BrokenRow) -> TickStates:
         leaves = jax.tree.leaves(getattr(broken, name))
         arrays |= {f"{name}_{k}": np.asarray(_plain(leaf)) for k, leaf in enumerate(leaves)}
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(file, allow_pickle=False, **arrays, **states._asdict())
+        write_npz(file, arrays | states._asdict())
     except OSError as error:
         raise InputError(f"The dump {file} cannot be written ({error.strerror}); choose another place.") from error
     return states

@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import jax.numpy as jnp
-import matplotlib
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.walks.traces import FOOT_COLOURS, save_figure
+from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.geometry.planar import to_base, to_world
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.scenes.scene import Scene
@@ -54,10 +53,9 @@ def save_episode(task: Task, episode: EpisodeRecord, file: Path) -> None:
     Raises:
         InputError: a file that cannot be written.
     """
-    plt = _pyplot()
     width, height = _extent(task.scene)
     size = 8.0 * np.array([width, height]) / max(width, height)
-    figure, axis = plt.subplots(figsize=(size[0] + 1.4, size[1] + 0.9), layout="constrained")
+    figure, axis = pyplot().subplots(figsize=(size[0] + 1.4, size[1] + 0.9), layout="constrained")
     line = draw_episode(axis, task, episode, by_time=True)
     figure.colorbar(line, ax=axis, label="time [s]", shrink=0.8, aspect=30)
     axis.set_title(f"{task.name}: {_caption(episode)}", fontsize=10)
@@ -84,7 +82,6 @@ def save_episode_grid(
     """
     if not episodes or len(tasks) != len(episodes):
         raise InputError(f"There are {len(episodes)} episodes and {len(tasks)} tasks; give at least one, a task each.")
-    plt = _pyplot()
     from matplotlib.lines import Line2D
 
     columns = min(columns, len(episodes))
@@ -92,7 +89,7 @@ def save_episode_grid(
     shapes = np.array([_extent(task.scene) for task in tasks])
     width = 14.0 / max(columns, 2)
     height = width * float(np.clip(np.median(shapes[:, 1] / shapes[:, 0]), 0.3, 1.5)) + 0.3
-    figure, axes = plt.subplots(
+    figure, axes = pyplot().subplots(
         rows, columns, figsize=(width * columns, height * rows + 0.7), squeeze=False, layout="constrained"
     )
     for axis in axes.flat[len(episodes) :]:
@@ -200,10 +197,3 @@ def _caption(episode: EpisodeRecord) -> str:
 def _extent(scene: Scene) -> tuple[float, float]:
     x_min, y_min, x_max, y_max = scene.bounds
     return x_max - x_min + 2 * _MARGIN, y_max - y_min + 2 * _MARGIN
-
-
-def _pyplot():
-    matplotlib.use("Agg", force=False)
-    import matplotlib.pyplot as plt
-
-    return plt

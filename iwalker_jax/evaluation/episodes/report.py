@@ -11,6 +11,7 @@ from iwalker_jax.evaluation.episodes.study import Study
 from iwalker_jax.evaluation.episodes.tables import COLUMNS, failures, navigation_table
 from iwalker_jax.evaluation.tables import Table, legend, markdown_table
 from iwalker_jax.navigation.record import SENTENCES, Outcome
+from iwalker_jax.runtime.files import write_text
 
 _COLOURS = {
     Outcome.REACHED: "#3f9b57",
@@ -76,9 +77,8 @@ def write_report(folder: Path, report: Report) -> Path:
     """
     page = folder / "report.html"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        page.write_text(_page(folder, report), encoding="utf-8")
-        (folder / "report.md").write_text(_markdown(folder, report), encoding="utf-8")
+        write_text(page, _page(folder, report))
+        write_text(folder / "report.md", _markdown(folder, report))
     except OSError as error:
         raise InputError(f"The report {page} cannot be written ({error.strerror}: {error.filename}).") from error
     return page

@@ -11,7 +11,7 @@ from iwalker_jax.evaluation.episodes.metrics import judged, row_of
 from iwalker_jax.evaluation.episodes.pictures import save_episode_grid
 from iwalker_jax.evaluation.episodes.walks import Batch, StudySettings
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
-from iwalker_jax.runtime.files import atomic_write
+from iwalker_jax.runtime.files import write_npz
 from iwalker_jax.tasks.task import Task
 
 _PANELS = 16  # episodes on a sheet
@@ -28,8 +28,7 @@ def save_traces(file: Path, record: EpisodeRecord) -> None:
         **{name: getattr(record, name)[:, -1:] for name in ("qpos", "path", "footsteps")},
         **{name: getattr(record, name)[:, :0] for name in ("depth", "occupied")},
     )
-    with atomic_write(file) as part:
-        np.savez_compressed(part, allow_pickle=False, **{k: np.asarray(v) for k, v in small._asdict().items()})
+    write_npz(file, small._asdict())
 
 
 def has_traces(file: Path, episodes: int) -> bool:

@@ -1,12 +1,12 @@
 """Tables I to III of the iWalker paper from a study's results: a metric each, methods down, the four scenes across."""
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from iwalker_jax.evaluation.tables import COLUMNS, Table, aligned_text, markdown_table, spread
+from iwalker_jax.runtime.files import write_csv, write_text
 from iwalker_jax.scenes.built.sequences import SEQUENCE_NAMES
 
 _DECIMALS = 3
@@ -154,21 +154,20 @@ def save_paper_tables(results: Table, folder: Path, note: str = "") -> None:
         folder: created if need be.
         note: what a reader must know of the methods; below the tables in the first two files.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "paper_tables.txt").write_text(paper_text(results, note) + "\n")
+    write_text(folder / "paper_tables.txt", paper_text(results, note) + "\n")
     parts = [
         f"### {_heading(table)}\n\n{markdown_table(paper_cells(results, table))}\n\n{verdict(results, table)}\n"
         for table in PAPER_TABLES
     ]
-    (folder / "paper_tables.md").write_text("\n".join([*parts, note + "\n"] if note else parts))
-    with (folder / "paper_tables.csv").open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(["table", "metric", "method", "scene", "mean", "deviation", "seeds"])
-        for table in PAPER_TABLES:
-            for method, row in scene_values(results, table.metric).items():
-                for scene, seeds in row.items():
-                    numbers = (float(np.mean(seeds)), spread(seeds), len(seeds))
-                    writer.writerow([table.number, table.metric, method, scene, *numbers])
+    write_text(folder / "paper_tables.md", "\n".join([*parts, note + "\n"] if note else parts))
+    lines: list[list[object]] = [["table", "metric", "method", "scene", "mean", "deviation", "seeds"]]
+    for table in PAPER_TABLES:
+        for method, row in scene_values(results, table.metric).items():
+            for scene, seeds in row.items():
+                lines.append(
+                    [table.number, table.metric, method, scene, float(np.mean(seeds)), spread(seeds), len(seeds)]
+                )
+    write_csv(folder / "paper_tables.csv", lines)
 
 
 def _heading(table: PaperTable) -> str:

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 
+from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.evaluation.frames.sequences import Sequence, SequenceResult
 from iwalker_jax.perception.grid import DEFAULT_GRID
 from iwalker_jax.planning.footsteps import footstep_sides
@@ -22,12 +22,9 @@ def save_sheet(sequence: Sequence, result: SequenceResult, file: Path, frames: i
         file: PNG to write; its folder is created.
         frames: columns.
     """
-    matplotlib.use("Agg", force=False)
-    import matplotlib.pyplot as plt
-
     count = min(frames, len(sequence.frames))
     chosen = np.unique(np.linspace(0, len(sequence.frames) - 1, count).round().astype(int))
-    figure, axes = plt.subplots(4, len(chosen), figsize=(3.1 * len(chosen), 13.0), squeeze=False)
+    figure, axes = pyplot().subplots(4, len(chosen), figsize=(3.1 * len(chosen), 13.0), squeeze=False)
     for column, i in enumerate(chosen):
         _depth(axes[0, column], sequence, result, i)
         _map(axes[1, column], result, i)
@@ -39,9 +36,7 @@ def save_sheet(sequence: Sequence, result: SequenceResult, file: Path, frames: i
     axes[2, 0].legend(loc="lower left", fontsize=6)
     figure.suptitle(_title(result))
     figure.tight_layout()
-    file.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(file, dpi=80)
-    plt.close(figure)
+    save_figure(figure, file)
 
 
 def _title(result: SequenceResult) -> str:
@@ -98,8 +93,9 @@ def _footsteps(axis, result: SequenceResult, i: int) -> None:
     shown = np.where(result.maps.occupied[i], 0.0, 1.0)
     _ground(axis, shown, result, i, cmap="gray", vmin=0.0, vmax=1.0)
     left = np.asarray(footstep_sides(result.stance_side[i], result.footsteps.shape[1])) > 0
-    for side, colour, label in ((left, "tab:blue", "left"), (~left, "tab:orange", "right")):
-        axis.plot(result.footsteps[i, side, 1], result.footsteps[i, side, 0], "s", color=colour, ms=3, label=label)
+    for side, label in ((left, "left"), (~left, "right")):
+        steps = result.footsteps[i, side]
+        axis.plot(steps[:, 1], steps[:, 0], "s", color=FOOT_COLOURS[label], ms=3, label=label)
     axis.plot(result.path[i, :, 1], result.path[i, :, 0], "-", color="tab:red", linewidth=0.7)
     reach = max(1.2, float(np.abs(result.footsteps[i]).max()) + 0.2)
     axis.set_xlim(0.6 * reach, -0.6 * reach)

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 
-from iwalker_jax.evaluation.walks.traces import FOOT_COLOURS, draw_from_above, ground_extent, save_figure, travelled
+from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
+from iwalker_jax.evaluation.walks.traces import draw_from_above, ground_extent, travelled
 from iwalker_jax.walking.record import WalkRecord
 
 _FEET = ("right", "left")
@@ -31,12 +31,9 @@ def save_walk_sheet(record: WalkRecord, file: Path, title: str = "") -> None:
     Raises:
         InputError: a file that cannot be written.
     """
-    matplotlib.use("Agg", force=False)
-    import matplotlib.pyplot as plt
-
     low, high = ground_extent([record])
     ground = float(np.clip(14.0 * (high[1] - low[1]) / (high[0] - low[0]), 2.0, 6.0)) + 0.8
-    figure = plt.figure(figsize=(15.0, 10.0 + ground), layout="constrained")
+    figure = pyplot().figure(figsize=(15.0, 10.0 + ground), layout="constrained")
     grid = figure.add_gridspec(4, 3, height_ratios=(ground, 10 / 3, 10 / 3, 10 / 3))
     above = figure.add_subplot(grid[0, :])
     draw_from_above(above, record, low, high)

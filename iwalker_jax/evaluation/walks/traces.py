@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.walking.record import WalkRecord
-
-FOOT_COLOURS = {"right": "tab:orange", "left": "tab:blue"}
 
 _MARK_LENGTH = 0.045
 """[m] drawn of a line foot, about its middle; steps of one foot are often shorter than the whole foot."""
@@ -32,16 +30,13 @@ def save_trace_grid(
     titles = [f"robot {i}" for i in range(len(records))] if titles is None else titles
     if not records or len(titles) != len(records):
         raise InputError(f"There are {len(records)} walks and {len(titles)} titles; give at least one, a title each.")
-    matplotlib.use("Agg", force=False)
-    import matplotlib.pyplot as plt
-
     columns = min(columns, len(records))
     rows = -(-len(records) // columns)
     low, high = ground_extent(records)
     width = 16.0 / max(columns, 2)
     height = float(np.clip(width * (high[1] - low[1]) / (high[0] - low[0]), 0.2 * width, 2.0 * width)) + 0.4
     size = (width * columns, height * rows + 0.5)
-    figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+    figure, axes = pyplot().subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
     for axis in axes.flat[len(records) :]:
         axis.set_axis_off()
     for axis, record, title in zip(axes.flat, records, titles):
@@ -96,17 +91,3 @@ def travelled(record: WalkRecord) -> float:
     """[m] between the first and the last finite place of the COM."""
     places = record.com[np.isfinite(record.com).all(axis=1), :2]
     return float(np.linalg.norm(places[-1] - places[0])) if len(places) else float("nan")
-
-
-def save_figure(figure, file: Path) -> None:
-    """Write a figure as PNG and close it; InputError if that cannot be."""
-    import matplotlib.pyplot as plt
-
-    file = Path(file)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(file, dpi=80, format="png")
-    except OSError as error:
-        raise InputError(f"The picture {file} cannot be written ({error.strerror}); choose another place.") from error
-    finally:
-        plt.close(figure)

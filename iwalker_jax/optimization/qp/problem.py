@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.files import write_npz
 
 Blocks = tuple[tuple[str, int], ...]
 
@@ -63,8 +64,8 @@ class QuadraticProgram:
         P, q, C, low, high = self.arrays()
         names = np.asarray([name for name, _ in self.blocks], dtype=str)
         counts = np.asarray([count for _, count in self.blocks], dtype=int)
-        with Path(path).open("wb") as file:
-            np.savez_compressed(file, P=P, q=q, C=C, low=low, high=high, block_names=names, block_rows=counts)
+        arrays = {"P": P, "q": q, "C": C, "low": low, "high": high, "block_names": names, "block_rows": counts}
+        write_npz(Path(path), arrays)
 
 
 def named_rows(blocks: Blocks, rows: int) -> list[tuple[str, slice]]:

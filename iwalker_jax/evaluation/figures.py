@@ -1,0 +1,41 @@
+"""What all pictures share: drawing without a screen, the colours of the feet, and the one way to write a figure."""
+
+from pathlib import Path
+from types import ModuleType
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.files import atomic_write
+
+FOOT_COLOURS = {"right": "tab:orange", "left": "tab:blue"}
+
+
+def pyplot() -> ModuleType:
+    """`matplotlib.pyplot`, which draws into memory unless another back end is in use already."""
+    matplotlib.use("Agg", force=False)
+    import matplotlib.pyplot as plt
+
+    return plt
+
+
+def save_figure(figure: Figure, file: Path, dpi: int = 80) -> None:
+    """Write a figure as PNG and close it; its folder is created.
+
+    Args:
+        figure: of `pyplot`.
+        file: to write.
+        dpi: dots per inch.
+
+    Raises:
+        InputError: if the file cannot be written; one that was there before is kept.
+    """
+    file = Path(file)
+    try:
+        with atomic_write(file) as part:
+            figure.savefig(part, dpi=dpi, format="png")
+    except OSError as error:
+        raise InputError(f"The picture {file} cannot be written ({error.strerror}); choose another place.") from error
+    finally:
+        pyplot().close(figure)
