@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from iwalker_jax.control.footstep_plan import LEFT, RIGHT
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import host
 from iwalker_jax.optimization.steps.reach import StepReach
 
 _LARGEST_TURN = 0.6  # rad between successive feet; the hip yaws by half of it either way
@@ -33,10 +34,8 @@ def check_footsteps(
     first = 1 if stance is None else 0
     for k, (a, b) in enumerate(zip(before, places[first:], strict=True), start=first):
         foot = (first_swing + k) % 2
-        turn = np.arctan2(np.sin(b[2] - a[2]), np.cos(b[2] - a[2]))
-        frame = a[2] + turn / 2
-        dx, dy = b[:2] - a[:2]
-        ahead, left = np.cos(frame) * dx + np.sin(frame) * dy, -np.sin(frame) * dx + np.cos(frame) * dy
+        turn = host.wrap_angle(b[2] - a[2])
+        ahead, left = host.turn(-(a[2] + turn / 2), b[:2] - a[:2])
         outward = left if foot == LEFT else -left
         name = f"footstep {k + 1} ({_NAMES[foot]} foot)"
         if abs(ahead) > reach.sagittal:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import host
 from iwalker_jax.geometry.splines import arc_length, interpolate_along
 
 RIGHT, LEFT = 0, 1
@@ -85,7 +86,7 @@ def footsteps_along(
     tangents = ahead - behind
     yaws = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
     side = np.where((np.arange(len(advance)) + first_swing) % 2 == 1, 1.0, -1.0)[:, None]
-    normals = np.stack([-np.sin(yaws), np.cos(yaws)], axis=1)
+    normals = host.leftward(yaws)
     return centres + side * width / 2 * normals, yaws
 
 
@@ -117,14 +118,13 @@ def velocity_footsteps(
     centres, headings = [], []
     for part in share:
         middle = heading + part * turn * step_time / 2
-        axes = np.array([[np.cos(middle), -np.sin(middle)], [np.sin(middle), np.cos(middle)]])
-        centre = centre + part * axes @ np.array([forward, sideways]) * step_time
+        centre = centre + part * host.planar_rotation(middle) @ np.array([forward, sideways]) * step_time
         heading += part * turn * step_time
         centres.append(centre)
         headings.append(heading)
     yaws = np.asarray(headings)
     side = np.where((np.arange(steps) + first_swing) % 2 == 1, 1.0, -1.0)[:, None]
-    normals = np.stack([-np.sin(yaws), np.cos(yaws)], axis=-1)
+    normals = host.leftward(yaws)
     return np.asarray(centres).reshape(-1, 2) + side * width / 2 * normals, yaws
 
 

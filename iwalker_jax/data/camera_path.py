@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.data.frames import FrameSet, depth_to_millimetres
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import host
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, descend
 from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
@@ -188,11 +189,9 @@ def _poses_along(
 ) -> np.ndarray:
     """(n, 3) base poses: evenly along the route with random phase, looking half a metre ahead."""
     n = sampling.frames_per_walk
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(route, axis=0), axis=1))])
-    usable = max(lengths[-1] - sampling.last_frame, 0.1)
+    usable = max(host.arc_length(route)[-1] - sampling.last_frame, 0.1)
     at = (np.arange(n) + rng.uniform(0.0, 1.0)) / n * usable
-    along = np.stack([np.interp(at, lengths, route[:, k]) for k in range(2)], axis=1)
-    ahead = np.stack([np.interp(at + 0.5, lengths, route[:, k]) for k in range(2)], axis=1)
+    along, ahead = host.points_along(route, at), host.points_along(route, at + 0.5)
     heading = np.arctan2(*(ahead - along)[:, ::-1].T)
     heading = heading + rng.normal(0.0, sampling.heading_spread, n)
     position = along.copy()
@@ -235,7 +234,7 @@ def reachable_goals(
     goals = np.zeros((len(poses), sampling.goals_per_frame, 2), np.float32)
     for i, (x, y, yaw) in enumerate(poses):
         offset = candidates - (x, y)
-        R_base_world = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+        R_base_world = host.planar_rotation(-yaw)
         goals[i, 0] = R_base_world @ (end - (x, y))
         local = offset @ R_base_world.T
         distance = np.linalg.norm(local, axis=1)

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from iwalker_jax.data.frames import FrameSet, depth_to_millimetres
 from iwalker_jax.data.recordings import load_recording
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import host
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
 from iwalker_jax.perception.grid import DEFAULT_GRID, halved, pool_2x2
@@ -72,7 +73,7 @@ def frames_from_recording(
     if recording.goals is not None:
         goals[:, 0] = recording.goals
     elif recording.poses is not None:
-        goals[:, 0] = _in_base(poses, poses[-1, :2])
+        goals[:, 0] = host.to_base(poses, poses[-1, :2])
     frames = FrameSet(
         depth_to_millimetres(depth), mounts, goals, poses, np.zeros(n, np.int32), (Path(folder).resolve().name,)
     )
@@ -95,10 +96,3 @@ def _sample_goals(reachable: np.ndarray, count: int, rng: np.random.Generator) -
         return None
     weight = 1.0 / distance[index]
     return centres[rng.choice(index, size=count, p=weight / weight.sum())]
-
-
-def _in_base(poses: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """A world point [m] in every pose's base frame."""
-    offset = point - poses[:, :2]
-    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    return np.stack([cos * offset[:, 0] + sin * offset[:, 1], -sin * offset[:, 0] + cos * offset[:, 1]], axis=1)

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from iwalker_jax.geometry import host
 from iwalker_jax.walking.record import TimedFootsteps
 
 _COLOURS = {-1: (1.0, 0.5, 0.05), 1: (0.12, 0.47, 0.71)}
@@ -91,8 +92,7 @@ def _add_plate(
     yaw: float,
     colour: np.ndarray,
 ) -> None:
-    c, s = np.cos(yaw), np.sin(yaw)
-    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    rotation = host.rotation_about_vertical(yaw)
     _add_geom(scene, mujoco.mjtGeom.mjGEOM_BOX, np.array([*half, 0.0004]), np.array(position), rotation, (*colour, 1.0))
 
 

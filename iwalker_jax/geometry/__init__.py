@@ -1,1 +1,47 @@
-"""Splines and arc length: plain geometry that every other room stands on."""
+"""Plain geometry that every other room stands on: the plane, rotations, splines, lengths, and the two feet."""
+
+from iwalker_jax.geometry.norms import safe_norm, safe_sqrt
+from iwalker_jax.geometry.planar import to_base, to_world, turn
+from iwalker_jax.geometry.rotations import (
+    angle_between,
+    quaternion_product,
+    rotation_matrix,
+    tilt_error,
+    turn_about_vertical,
+    turn_in_body,
+    wrap_angle,
+    yaw_of,
+)
+from iwalker_jax.geometry.sides import Side, other_side, side_of_step, side_sign
+from iwalker_jax.geometry.splines import (
+    arc_length,
+    hermite_path,
+    interpolate_along,
+    path_tangents,
+    resample_by_arc_length,
+)
+
+__all__ = [
+    "Side",
+    "angle_between",
+    "arc_length",
+    "hermite_path",
+    "interpolate_along",
+    "other_side",
+    "path_tangents",
+    "quaternion_product",
+    "resample_by_arc_length",
+    "rotation_matrix",
+    "safe_norm",
+    "safe_sqrt",
+    "side_of_step",
+    "side_sign",
+    "tilt_error",
+    "to_base",
+    "to_world",
+    "turn",
+    "turn_about_vertical",
+    "turn_in_body",
+    "wrap_angle",
+    "yaw_of",
+]

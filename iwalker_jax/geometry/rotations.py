@@ -1,4 +1,4 @@
-"""Attitude of the base: gyro integration, gravity and heading corrections. Quaternions are wxyz, body to world."""
+"""Rotations in space and differences of angles. Quaternions are wxyz, body to world."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -41,6 +41,11 @@ def wrap_angle(angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
 
 
+def angle_between(to: Float[Array, "*n"], start: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """to - start [rad], wrapped into (-pi, pi]."""
+    return jnp.arctan2(jnp.sin(to - start), jnp.cos(to - start))
+
+
 def turn_in_body(quaternion: Float[Array, "4"], rotation: Float[Array, "3"]) -> Float[Array, "4"]:
     """Turn by a small rotation vector in the body frame [rad]: q * exp(rotation / 2), to third order, normalised."""
     square = jnp.sum(rotation * rotation)
@@ -76,8 +81,3 @@ def tilt_error(
 def _unit(quaternion: Float[Array, "4"]) -> Float[Array, "4"]:
     """Scaled to unit length."""
     return quaternion / jnp.sqrt(jnp.sum(quaternion * quaternion))
-
-
-def angle_between(to: Float[Array, "*n"], start: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """to - start [rad], wrapped into (-pi, pi]."""
-    return jnp.arctan2(jnp.sin(to - start), jnp.cos(to - start))

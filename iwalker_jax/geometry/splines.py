@@ -5,6 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from iwalker_jax.geometry.norms import safe_norm
+
 
 def hermite_basis(n_knots: int, n_samples: int) -> np.ndarray:
     """Matrix (n_samples, n_knots) that maps knots to a uniformly sampled cubic Hermite spline.
@@ -33,13 +35,6 @@ def hermite_path(knots: Float[Array, "*batch k 2"], n_samples: int) -> Float[Arr
     """Points [m] of the cubic Hermite spline through the knots, uniform in the knot parameter; ends included."""
     basis = jnp.asarray(hermite_basis(knots.shape[-2], n_samples), knots.dtype)
     return basis @ knots
-
-
-def safe_norm(vectors: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
-    """Euclidean length with a zero (not NaN) gradient at zero."""
-    squared = jnp.sum(vectors**2, axis=-1)
-    positive = squared > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
 
 
 def arc_length(path: Float[Array, "n 2"]) -> Float[Array, " n"]:

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 from mujoco import mjx
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.norms import safe_sqrt
 from iwalker_jax.robot.model import RobotModel
 from iwalker_jax.scenes.scene import SceneArrays
 
@@ -122,7 +123,7 @@ def _to_boxes(points: Float[Array, "n 3"], boxes: Float[Array, "boxes 7"]) -> Fl
 def _to_cylinders(points: Float[Array, "n 3"], cylinders: Float[Array, "cylinders 5"]) -> Float[Array, "n cylinders"]:
     """Signed distances [m] from points to upright cylinders."""
     dx, dy, dz = (points[:, axis, None] - cylinders[:, axis] for axis in range(3))
-    return _outside(_safe_root(dx**2 + dy**2) - cylinders[:, 3], jnp.abs(dz) - cylinders[:, 4])
+    return _outside(safe_sqrt(dx**2 + dy**2) - cylinders[:, 3], jnp.abs(dz) - cylinders[:, 4])
 
 
 def _outside(*excess: Array) -> Array:
@@ -132,12 +133,7 @@ def _outside(*excess: Array) -> Array:
     for one in excess:
         squared = squared + jnp.maximum(one, 0) ** 2
         deepest = jnp.maximum(deepest, one)
-    return _safe_root(squared) + jnp.minimum(deepest, 0)
-
-
-def _safe_root(squared: Array) -> Array:
-    # The gradient of sqrt is infinite at 0; there the distance's own gradient is taken as 0.
-    return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
+    return safe_sqrt(squared) + jnp.minimum(deepest, 0)
 
 
 def _filling(kind: mujoco.mjtGeom, size: np.ndarray, name: object) -> Float[np.ndarray, "n 4"]:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from iwalker_jax.geometry.rotations import rotation_matrix
 from iwalker_jax.robot.model import RobotModel
 from iwalker_jax.robot.skeleton import Carried, Skeleton
 
@@ -114,7 +115,7 @@ def _link_poses(skeleton: Skeleton, qpos: Array) -> tuple[Float[Array, "links 3"
     cross = jnp.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
     sine, versine = jnp.sin(angles)[:, None, None], 2 * jnp.sin(angles / 2)[:, None, None] ** 2
     turns = jnp.eye(3, dtype=x.dtype) + sine * cross + versine * _matmul(cross, cross)
-    rotations, positions = [_quaternion_matrix(qpos[3:7])[None]], [qpos[None, :3]]
+    rotations, positions = [rotation_matrix(qpos[3:7])[None]], [qpos[None, :3]]
     order, level = [0], [0]
     while level:
         children = [k + 1 for k, parent in enumerate(skeleton.parents) if parent in level]
@@ -202,17 +203,6 @@ def _poses(
 def _by_velocity(links: Float[Array, " links *k"]) -> Float[Array, " nv *k"]:
     """Values of links by velocity; the base's six share one."""
     return jnp.concatenate([jnp.broadcast_to(links[:1], (5, *links.shape[1:])), links])
-
-
-def _quaternion_matrix(quaternion: Float[Array, "4"]) -> Float[Array, "3 3"]:
-    """Rotation matrix of a unit quaternion wxyz."""
-    w, x, y, z = quaternion
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return jnp.stack([jnp.stack(row) for row in rows])
 
 
 def _matmul(a: Float[Array, "n 3 3"], b: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.norms import safe_sqrt
 
 BOX_CAPACITY = 128
 CYLINDER_CAPACITY = 64
@@ -145,11 +146,11 @@ def obstacle_distance(
     cos, sin = jnp.cos(boxes[:, 6]), jnp.sin(boxes[:, 6])
     qx = jnp.abs(cos * dx + sin * dy) - boxes[:, 3]
     qy = jnp.abs(cos * dy - sin * dx) - boxes[:, 4]
-    outside = _safe_norm(jnp.maximum(qx, 0), jnp.maximum(qy, 0))
+    outside = _length(jnp.maximum(qx, 0), jnp.maximum(qy, 0))
     to_boxes = outside + jnp.minimum(jnp.maximum(qx, qy), 0)
     to_boxes = jnp.where(_in_band(boxes[:, 2], boxes[:, 5], z_low, z_high), to_boxes, far)
 
-    to_cylinders = _safe_norm(x - cylinders[:, 0], y - cylinders[:, 1]) - cylinders[:, 3]
+    to_cylinders = _length(x - cylinders[:, 0], y - cylinders[:, 1]) - cylinders[:, 3]
     to_cylinders = jnp.where(_in_band(cylinders[:, 2], cylinders[:, 4], z_low, z_high), to_cylinders, far)
     return jnp.minimum(to_boxes.min(axis=-1), to_cylinders.min(axis=-1))
 
@@ -158,10 +159,8 @@ def _in_band(centre: Array, half: Array, z_low: float, z_high: float) -> Array:
     return (centre - half < z_high) & (centre + half > z_low)
 
 
-def _safe_norm(x: Array, y: Array) -> Array:
-    # The gradient of sqrt is infinite at 0; there the distance's own gradient is taken as 0.
-    squared = x * x + y * y
-    return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
+def _length(x: Array, y: Array) -> Array:
+    return safe_sqrt(x * x + y * y)
 
 
 def occupancy(

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import host
 from iwalker_jax.scenes.built.families import FAMILIES, generate_scene
 from iwalker_jax.scenes.built.held_out import held_out_scene
 from iwalker_jax.scenes.scene import Scene, SceneArrays
@@ -15,7 +16,6 @@ from iwalker_jax.tasks.named import GOAL_CLEARANCE, START_CLEARANCE
 from iwalker_jax.tasks.routes import (
     clearances,
     comfortable_route,
-    length_of,
     single_precision,
     time_limit,
 )
@@ -97,11 +97,11 @@ def _draw(
         arrays = single_precision(scene)
         for start, goal in _blocked_pairs(arrays, rng, rules):
             route = comfortable_route(arrays, start, goal)
-            if route is None or length_of(route) > rules.most_detour * math.dist(start, goal):
+            if route is None or host.polyline_length(route) > rules.most_detour * math.dist(start, goal):
                 continue
             yaw = _heading(route, rules.look_ahead) + rng.uniform(-rules.heading_spread, rules.heading_spread)
             pose = (float(start[0]), float(start[1]), math.remainder(yaw, 2 * math.pi))
-            return Task(name, scene, pose, goal[None], time_limit(length_of(route)))
+            return Task(name, scene, pose, goal[None], time_limit(host.polyline_length(route)))
     raise RuntimeError(f"Task {name}: none of {_SCENES} scenes has a start and a goal that obey {rules}.")
 
 
@@ -126,6 +126,5 @@ def _blocked_pairs(arrays: SceneArrays, rng: np.random.Generator, rules: TaskSam
 
 def _heading(route: Float[np.ndarray, "n 2"], ahead: float) -> float:
     """Direction [rad] from a route's start to the point `ahead` [m] along it."""
-    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(route, axis=0), axis=1)))
-    x, y = (np.interp(ahead, lengths, route[:, axis]) - route[0, axis] for axis in range(2))
+    x, y = host.points_along(route, ahead) - route[0]
     return math.atan2(y, x)

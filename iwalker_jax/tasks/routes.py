@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from iwalker_jax.geometry.host import polyline_length
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, descend
 from iwalker_jax.scenes.routes import DEFAULT_ROUTE_RULES, SCENE_GRID, cost_at, route_map
 from iwalker_jax.scenes.scene import Scene, SceneArrays, obstacle_distance
@@ -49,15 +50,10 @@ def comfortable_route(
     return np.concatenate([ends[:1], way[moving][1:-1], ends[1:]]).astype(np.float64)
 
 
-def length_of(route: Float[np.ndarray, "n 2"]) -> float:
-    """Length [m] of a polyline."""
-    return float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
-
-
 def leg_lengths(scene: SceneArrays, stops: Float[np.ndarray, "n 2"]) -> list[float | None]:
     """Length [m] of the comfortable route from each stop to the next; None where there is none."""
     routes = [comfortable_route(scene, here, there) for here, there in pairwise(stops)]
-    return [None if route is None else length_of(route) for route in routes]
+    return [None if route is None else polyline_length(route) for route in routes]
 
 
 def clearances(scene: SceneArrays, points: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:

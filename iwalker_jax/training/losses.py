@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.splines import resample_by_arc_length, safe_norm
+from iwalker_jax.geometry.norms import safe_norm
+from iwalker_jax.geometry.splines import resample_by_arc_length
 from iwalker_jax.optimization.solution import GradientMode
 from iwalker_jax.optimization.steps.mpc import solve_step_mpc
 from iwalker_jax.optimization.unicycle.model import initial_state_from_reference

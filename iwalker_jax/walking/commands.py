@@ -19,6 +19,7 @@ from iwalker_jax.control.footstep_plan import (
 )
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import host
 from iwalker_jax.robot.model import FEET
 
 MotionKind = Literal["stand", "in_place", "straight", "sideways", "turn", "s_curve", "footsteps", "path"]
@@ -119,7 +120,7 @@ def make_walk(motion: Motion, model: mujoco.MjModel, gait: GaitParameters, rows:
         path = s_curve(motion.distance or 3.0) if motion.file is None else load_path(motion.file)
         if length <= 0:
             raise InputError(f"A path is followed at {speed:g} m/s; give a speed above 0.")
-        whole = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+        whole = host.polyline_length(path)
         shares = ramp_shares(_steps_for(whole, length), _ramp(length))
         positions, yaws = footsteps_along(path, np.cumsum(shares) * length, motion.width, LEFT)
     else:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import host
 
 
 class TimedFootsteps(NamedTuple):
@@ -107,5 +108,4 @@ class WalkRecord:
 
     def speeds_along_heading(self, velocity: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
         """(N, 2) [m/s] forward and leftward components of a world-frame velocity, relative to the base's yaw."""
-        c, s = np.cos(self.base_rpy[:, 2]), np.sin(self.base_rpy[:, 2])
-        return np.stack([c * velocity[:, 0] + s * velocity[:, 1], -s * velocity[:, 0] + c * velocity[:, 1]], axis=1)
+        return host.turn(-self.base_rpy[:, 2], velocity[:, :2])

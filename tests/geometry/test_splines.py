@@ -12,7 +12,6 @@ from iwalker_jax.geometry.splines import (
     interpolate_along,
     path_tangents,
     resample_by_arc_length,
-    safe_norm,
 )
 from tests.gradients import assert_gradients_agree
 
@@ -64,11 +63,6 @@ def test_a_path_that_stands_still_has_finite_values_and_gradients():
     np.testing.assert_allclose(path_tangents(still), np.tile([1.0, 0.0], (20, 1)))
     gradient = jax.grad(lambda p: jnp.sum(resample_by_arc_length(p, 10) ** 2) + jnp.sum(path_tangents(p)))(still)
     assert np.isfinite(gradient).all()
-
-
-def test_safe_norm_is_zero_with_zero_gradient_at_the_origin():
-    assert float(safe_norm(jnp.zeros(2))) == 0.0
-    np.testing.assert_array_equal(jax.grad(safe_norm)(jnp.zeros(2)), np.zeros(2))
 
 
 def test_gradients_of_resampling_and_tangents_equal_finite_differences(x64):

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from iwalker_jax.data.recordings.report import FileProblem
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import host
 from iwalker_jax.perception.camera import Intrinsics
 
 
@@ -79,14 +80,7 @@ def rotation_from_quaternion(quaternion: Float[np.ndarray, " 4"]) -> Float[np.nd
     norm = np.linalg.norm(quaternion)
     if not norm > 1e-6:
         return np.full((3, 3), np.nan)
-    x, y, z, w = quaternion / norm
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return host.rotation_matrix(np.roll(quaternion, 1) / norm)
 
 
 def camera_heading(R_world_camera: Float[np.ndarray, "3 3"]) -> float:

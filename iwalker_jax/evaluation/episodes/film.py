@@ -19,6 +19,7 @@ from iwalker_jax.film.filming import VideoSettings, open_renderer, place
 from iwalker_jax.film.motion import check_motion, smooth_track
 from iwalker_jax.film.scene_marks import add_footsteps, add_goal, add_path, add_shadow
 from iwalker_jax.film.video import write_frames
+from iwalker_jax.geometry import host
 from iwalker_jax.geometry.planar import to_base
 from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
 from iwalker_jax.scenes.mjcf import obstacle_geoms
@@ -184,8 +185,7 @@ def _seen(
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The depth image with the plan in it."""
     x, y, yaw = np.asarray(episode.base[max(i - 1, 0)])
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    R_base_world = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    R_base_world = host.rotation_about_vertical(-yaw)
     camera = data.camera("depth")
     # MuJoCo's cameras look along -z with y up.
     R_base_camera = R_base_world @ camera.xmat.reshape(3, 3) @ np.diag([1.0, -1.0, -1.0])

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.film.motion import smooth_track
+from iwalker_jax.geometry import host
 from iwalker_jax.navigation.closed_loop import LoopParameters
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
@@ -175,7 +176,7 @@ def walked_distance(places: Float[np.ndarray, "n 2"], times: Float[np.ndarray, "
     if len(places) < 2:
         return 0.0
     period = max(float(np.median(np.diff(times))), 1e-3)
-    return float(np.linalg.norm(np.diff(smooth_track(places, period), axis=0), axis=1).sum())
+    return host.polyline_length(smooth_track(places, period))
 
 
 def shortest_route(task: Task, rules: RouteParameters = DEFAULT_ROUTE_RULES) -> float:
@@ -260,10 +261,7 @@ def landing_errors(episode: EpisodeRecord) -> Float[np.ndarray, " n"]:
 
 
 def _point_along(path: Float[np.ndarray, "p 2"], distance: float) -> Float[np.ndarray, " 2"] | None:
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    if lengths[-1] < distance:
-        return None
-    return np.array([np.interp(distance, lengths, path[:, 0]), np.interp(distance, lengths, path[:, 1])])
+    return None if host.arc_length(path)[-1] < distance else host.points_along(path, distance)
 
 
 def _distance_to_line(point: Float[np.ndarray, " 2"], line: Float[np.ndarray, "p 2"]) -> tuple[float, float]:

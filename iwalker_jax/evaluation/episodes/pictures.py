@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
+from iwalker_jax.geometry import host
 from iwalker_jax.geometry.planar import to_base, to_world
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.scenes.scene import Scene
@@ -169,9 +170,8 @@ def draw_scene(axis, scene: Scene) -> None:
 
 def box_corners(box: Float[np.ndarray, " 7"]) -> Float[np.ndarray, "4 2"]:
     """Corners [m] of a scene's box in plan."""
-    cos, sin = np.cos(box[6]), np.sin(box[6])
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * box[3:5]
-    return corners @ np.array([[cos, sin], [-sin, cos]]) + box[:2]
+    return host.to_world(box[[0, 1, 6]], corners)
 
 
 def footprints(foot: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "k 2"]:

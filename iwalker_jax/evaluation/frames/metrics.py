@@ -5,8 +5,9 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from iwalker_jax.geometry.norms import safe_norm
 from iwalker_jax.geometry.planar import to_world
-from iwalker_jax.geometry.splines import arc_length, resample_by_arc_length, safe_norm
+from iwalker_jax.geometry.splines import arc_length, resample_by_arc_length
 from iwalker_jax.optimization.steps.mpc import solve_step_mpc
 from iwalker_jax.optimization.unicycle.model import initial_state_from_reference
 from iwalker_jax.optimization.unicycle.mpc import solve_unicycle

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
+from iwalker_jax.geometry import host
 from iwalker_jax.walking.record import TimedFootsteps, WalkRecord
 from iwalker_jax.walking.rollout import Sample
 
@@ -114,7 +115,7 @@ def walk_metrics(
     pairs = np.flatnonzero(made[1:] & made[:-1]) + 1
     at = landed.touchdown[pairs]
     centre = (positions[pairs] + positions[pairs - 1]) / 2
-    heading = yaws[pairs - 1] + _wrapped(yaws[pairs] - yaws[pairs - 1]) / 2
+    heading = yaws[pairs - 1] + host.wrap_angle(yaws[pairs] - yaws[pairs - 1]) / 2
     velocity_error = np.linalg.norm(sample.believed_velocity - sample.com_velocity, axis=1)[up]
     speed, planned_speed, turn_rate, planned_turn = _rates(landed, positions, yaws, step_time)
     torques = sample.torques[up] if up.any() else np.full_like(sample.torques[:1], np.nan)
@@ -128,8 +129,8 @@ def walk_metrics(
         turn_rate=turn_rate,
         planned_turn_rate=planned_turn,
         footstep_errors=np.linalg.norm(landed.feet[made, :2] - positions[made], axis=1),
-        yaw_errors=np.abs(_wrapped(landed.feet[made, 2] - yaws[made])),
-        heading_errors=np.abs(_wrapped(np.asarray(sample.heading)[at] - heading)),
+        yaw_errors=np.abs(host.wrap_angle(landed.feet[made, 2] - yaws[made])),
+        heading_errors=np.abs(host.wrap_angle(np.asarray(sample.heading)[at] - heading)),
         com_errors=np.linalg.norm(sample.com[at, :2] - centre, axis=1),
         torque_shares=np.max(torques, axis=0) / torque_limits,
         qp_failures=int(np.sum(sample.qp_failures[up])),
@@ -145,7 +146,7 @@ def _rates(
     if len(positions) < 4:
         return nothing
     moves, made = _between_tracks(np.diff(positions, axis=0)), _between_tracks(np.diff(landed.feet[:, :2], axis=0))
-    turns, turned = (_between_tracks(_wrapped(np.diff(each))) for each in (yaws, landed.feet[:, 2]))
+    turns, turned = (_between_tracks(host.wrap_angle(np.diff(each))) for each in (yaws, landed.feet[:, 2]))
     times = _between_tracks(np.diff(landed.times))
     lengths = np.linalg.norm(moves, axis=1)
     pace = np.abs(turns) if _ARM * np.abs(turns).max() > lengths.max() else lengths
@@ -162,10 +163,6 @@ def _rates(
 def _between_tracks(steps: np.ndarray) -> np.ndarray:
     """Differences of successive footsteps as those of the line midway between the two tracks."""
     return (steps[:-2] + 2 * steps[1:-1] + steps[2:]) / 4
-
-
-def _wrapped(angle: np.ndarray) -> np.ndarray:
-    return np.arctan2(np.sin(angle), np.cos(angle))
 
 
 def speed_error(metrics: WalkMetrics) -> float:

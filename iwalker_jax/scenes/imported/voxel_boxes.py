@@ -9,6 +9,8 @@ import numpy as np
 import trimesh
 from jaxtyping import Bool, Float, Int
 
+from iwalker_jax.geometry import host
+
 Band = tuple[float, float]
 Bounds = tuple[float, float, float, float]
 
@@ -81,7 +83,7 @@ def voxel_boxes(
         yaw: [rad] of the voxels' axes.
         most: give up, with None, beyond this number of boxes.
     """
-    to_world = _turn(yaw)
+    to_world = host.rotation_about_vertical(yaw)
     points, voxels, filled = [np.empty((0, 3))], [np.empty((0, 3), int)], [np.empty((0, 3), int)]
     for surface in surfaces:
         own = _voxel_of((surface.points - _INSIDE * pitch * surface.normals) @ to_world, pitch)
@@ -108,11 +110,6 @@ def voxel_boxes(
     boxes = np.column_stack([centre @ to_world.T, half, np.full(len(half), yaw)])
     measured = surface_points[:: max(1, len(surface_points) // _MEASURED)]
     return VoxelBoxes(boxes, _shortfall(measured, centre, half))
-
-
-def _turn(yaw: float) -> Float[np.ndarray, "3 3"]:
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _corners(band: Band, bounds: Bounds) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
