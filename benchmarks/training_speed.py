@@ -30,7 +30,7 @@ from iwalker_jax.optimization.unicycle.model import initial_state_from_reference
 from iwalker_jax.optimization.unicycle.mpc import solve_unicycle  # noqa: E402
 from iwalker_jax.planning.robot_state import pre_impact_planes  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402
-from iwalker_jax.training.batches import Batch, frame_order, gather_batch  # noqa: E402
+from iwalker_jax.training.batches import TrainingBatch, frame_order, gather_batch  # noqa: E402
 from iwalker_jax.training.config import TrainConfig, paper_preset  # noqa: E402
 from iwalker_jax.training.maps import TrainingData, frame_maps, prepare  # noqa: E402
 from iwalker_jax.training.train_step import (  # noqa: E402
@@ -65,13 +65,13 @@ class WholeStep:
 class NetworkAndAdam:
     """The network's forward and backward pass and the optimiser, without any of the losses."""
 
-    def __init__(self, config: TrainConfig, batch: Batch):
+    def __init__(self, config: TrainConfig, batch: TrainingBatch):
         optimiser = make_optimiser(config, config.total_steps(STEPS))
         state = initial_state(config, optimiser)
         self._carry = state.params, state.opt_state
         gradient = network_gradient(config)
 
-        def step(carry: Any, batch: Batch) -> Any:
+        def step(carry: Any, batch: TrainingBatch) -> Any:
             params, opt_state = carry
             updates, opt_state = optimiser.update(gradient(params, batch)[1], opt_state, params)
             return optax.apply_updates(params, updates), opt_state
@@ -87,14 +87,14 @@ def network_gradient(config: TrainConfig) -> Callable:
     """(params, batch) -> ((loss, plan), gradient) of both networks under a trivial loss."""
     graph = planner_graph(config)
 
-    def loss(params: Any, batch: Batch) -> tuple:
+    def loss(params: Any, batch: TrainingBatch) -> tuple:
         plan = nnx.merge(graph, params)(batch.depth, batch.goal, batch.state, batch.mount)
         return jnp.sum(plan.path) + jnp.sum(plan.fear) + jnp.sum(plan.footsteps), plan
 
     return jax.value_and_grad(loss, has_aux=True)
 
 
-def lower_levels(config: TrainConfig, batch: Batch, plan: Any) -> dict[str, Callable[[], Any]]:
+def lower_levels(config: TrainConfig, batch: TrainingBatch, plan: Any) -> dict[str, Callable[[], Any]]:
     """Each MPC with the gradient of its tracking loss, on a plan of the untrained network."""
     models = config.models
 

@@ -33,10 +33,11 @@ from iwalker_jax.evaluation.frames.sequences import Sequence
 from iwalker_jax.evaluation.tables import legend
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.runtime.files import write_json
-from iwalker_jax.runtime.processes import ProcessGroup, barrier, is_first, leave
+from iwalker_jax.runtime.processes import ProcessGroup, barrier, exit_process, is_first
 from iwalker_jax.training.checkpoints import load_run
-from iwalker_jax.training.config import PRESETS, TrainConfig, config_to_dict
-from iwalker_jax.training.loop import Progress, TrainResult, batch_mesh, train
+from iwalker_jax.training.config import PRESETS, TrainConfig
+from iwalker_jax.training.config_dict import config_to_dict
+from iwalker_jax.training.loop import TrainingProgress, TrainResult, batch_mesh, train
 from iwalker_jax.training.maps import TrainingData, prepare
 from iwalker_jax.training.pretrained import save_planner
 from iwalker_jax.training.train_step import planner_from
@@ -110,7 +111,7 @@ def run_training(command: Command, data: TrainingData) -> TrainResult:
         start = planner_from(other, state.params)
     with progress_bar("training", config.total_steps(frames)) as show:
 
-        def report(progress: Progress) -> None:
+        def report(progress: TrainingProgress) -> None:
             losses = progress.losses
             show(
                 progress.step,
@@ -180,4 +181,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    leave(main())
+    exit_process(main())

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.processes import ProcessGroup, is_first, join, leave
+from iwalker_jax.runtime.processes import ProcessGroup, exit_process, is_first, join_group
 
 console = Console(highlight=False)
 
@@ -43,7 +43,7 @@ def progress_bar(title: str, total: int) -> Iterator[Advance]:
 
 def come_together(group: ProcessGroup) -> None:
     """Join the group; process 0 speaks for all."""
-    join(group)
+    join_group(group)
     console.quiet = not is_first()
 
 
@@ -55,7 +55,7 @@ def say(sentence: str) -> None:
 def exit_with(error: Exception) -> NoReturn:
     """Leave with the error's sentence and status 1, without a traceback."""
     print(f"error: {error}", file=sys.stderr)
-    leave(1)
+    exit_process(1)
 
 
 def require_at_least(command: Any, **least: int) -> None:

@@ -15,7 +15,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.rendezvous import Member, bind_address, rendezvous
+from iwalker_jax.runtime.rendezvous import DistributedProcess, bind_address, rendezvous
 
 _LONGEST_WAIT = 7 * 24 * 3600  # [s] for processes that have more to do
 
@@ -36,7 +36,7 @@ class ProcessGroup:
     process: int | None = None
     join_timeout: float = 300.0
 
-    def member(self, environment: Mapping[str, str] = os.environ) -> Member | None:
+    def this_process(self, environment: Mapping[str, str] = os.environ) -> DistributedProcess | None:
         """This process of the group, what is missing taken from the environment; None for a command by itself.
 
         Raises:
@@ -58,34 +58,34 @@ class ProcessGroup:
             raise InputError(f"There is no process {process} of {processes}; give numbers from 0 to N - 1.")
         if not 0 < self.join_timeout < float("inf"):
             raise InputError(f"The processes cannot wait {self.join_timeout} s for each other; give a positive time.")
-        return Member(host.strip("[]"), int(port), process, processes, self.join_timeout)
+        return DistributedProcess(host.strip("[]"), int(port), process, processes, self.join_timeout)
 
 
-def join(group: ProcessGroup) -> None:
+def join_group(group: ProcessGroup) -> None:
     """Bring the processes of a group together, if there is more than one; comes before anything is computed.
 
     Raises:
         InputError: for bad values, or when the processes do not find each other in time.
     """
-    member = group.member()
-    if member is None or member.processes == 1:
+    own = group.this_process()
+    if own is None or own.num_processes == 1:
         return
-    rendezvous(member)
-    host = f"[{member.host}]" if ":" in member.host else member.host
+    rendezvous(own)
+    host = f"[{own.host}]" if ":" in own.host else own.host
     jax.distributed.initialize(
-        f"{host}:{member.port}",
-        member.processes,
-        member.process,
+        f"{host}:{own.port}",
+        own.num_processes,
+        own.process_id,
         cluster_detection_method="deactivate",
-        coordinator_bind_address=bind_address(member.port),
+        coordinator_bind_address=bind_address(own.port),
     )
-    say_error = sys.excepthook
+    print_error = sys.excepthook
 
-    def say_and_leave(*error: Any) -> None:
-        say_error(*error)
-        leave(1)
+    def print_and_exit(*error: Any) -> None:
+        print_error(*error)
+        exit_process(1)
 
-    sys.excepthook = say_and_leave
+    sys.excepthook = print_and_exit
 
 
 def is_first() -> bool:
@@ -130,7 +130,7 @@ def barrier(seconds: int = _LONGEST_WAIT) -> None:
         raise InputError("Another process has failed; see what it says, and start all of them again.") from error
 
 
-def leave(status: int) -> NoReturn:
+def exit_process(status: int) -> NoReturn:
     """End this process with an exit status; if others still work with it, they then end too instead of waiting."""
     if jax.distributed.is_initialized():
         sys.stdout.flush()

@@ -9,33 +9,33 @@ from iwalker_jax.errors import InputError
 _GO, _HELLO_TIME, _RETRY_TIME = b"go", 5.0, 0.2  # [s]
 
 
-class Member(NamedTuple):
+class DistributedProcess(NamedTuple):
     """One process of a group.
 
     Attributes:
         host, port: where process 0 listens.
-        process: number of this one; processes: how many there are.
+        process_id: number of this one, from 0; num_processes: how many there are.
         timeout: [s] that they wait for each other.
     """
 
     host: str
     port: int
-    process: int
-    processes: int
+    process_id: int
+    num_processes: int
     timeout: float
 
 
-def rendezvous(member: Member) -> None:
-    """Return once all processes are there; process 0 calls the roll at its port, the others answer.
+def rendezvous(own: DistributedProcess) -> None:
+    """Return once all processes are there; process 0 counts them at its port, where the others report.
 
     Raises:
         InputError: if processes are missing, contradict each other, or cannot reach process 0.
     """
-    deadline = time.monotonic() + member.timeout
-    if member.process == 0:
-        _call(member, deadline)
+    deadline = time.monotonic() + own.timeout
+    if own.process_id == 0:
+        _gather(own, deadline)
     else:
-        _answer(member, deadline)
+        _report(own, deadline)
 
 
 def bind_address(port: int) -> str:
@@ -43,22 +43,22 @@ def bind_address(port: int) -> str:
     return f"[::]:{port}" if socket.has_dualstack_ipv6() else f"0.0.0.0:{port}"
 
 
-def _call(member: Member, deadline: float) -> None:
+def _gather(own: DistributedProcess, deadline: float) -> None:
     dual = socket.has_dualstack_ipv6()
     family = socket.AF_INET6 if dual else socket.AF_INET
     try:
-        server = socket.create_server(("", member.port), family=family, dualstack_ipv6=dual)
+        server = socket.create_server(("", own.port), family=family, dualstack_ipv6=dual)
     except OSError as error:
         raise InputError(
-            f"Port {member.port} cannot be used on this machine ({error.strerror}); give --coordinator another one."
+            f"Port {own.port} cannot be used on this machine ({error.strerror}); give --coordinator another one."
         ) from error
     present: dict[int, socket.socket] = {}
     try:
         with server:
-            while len(present) < member.processes - 1:
+            while len(present) < own.num_processes - 1:
                 server.settimeout(_left(deadline))
                 peer, _ = server.accept()
-                number = _number_of(peer, member.processes)
+                number = _index_of(peer, own.num_processes)
                 # A process that was started again takes the place of the earlier one.
                 earlier = peer if number is None else present.get(number)
                 if earlier is not None:
@@ -68,17 +68,17 @@ def _call(member: Member, deadline: float) -> None:
         for peer in present.values():
             peer.sendall(_GO)
     except OSError as error:
-        absent = ", ".join(str(k) for k in range(1, member.processes) if k not in present)
+        absent = ", ".join(str(k) for k in range(1, own.num_processes) if k not in present)
         raise InputError(
-            f"Of {member.processes} processes, {absent or 'one'} did not come to port {member.port} within "
-            f"{member.timeout:g} s; start all of them with the same --coordinator and --processes."
+            f"Of {own.num_processes} processes, {absent or 'one'} did not come to port {own.port} within "
+            f"{own.timeout:g} s; start all of them with the same --coordinator and --processes."
         ) from error
     finally:
         for peer in present.values():
             peer.close()
 
 
-def _number_of(peer: socket.socket, processes: int) -> int | None:
+def _index_of(peer: socket.socket, processes: int) -> int | None:
     """The number that a process says it has; None for a stranger, or a process of another group."""
     peer.settimeout(_HELLO_TIME)
     try:
@@ -91,33 +91,33 @@ def _number_of(peer: socket.socket, processes: int) -> int | None:
     return number if group == processes and 1 <= number < processes else None
 
 
-def _answer(member: Member, deadline: float) -> None:
-    with _connected(member, deadline) as peer:
+def _report(own: DistributedProcess, deadline: float) -> None:
+    with _connected(own, deadline) as peer:
         try:
-            peer.sendall(b"%d %d" % (member.process, member.processes))
+            peer.sendall(b"%d %d" % (own.process_id, own.num_processes))
             peer.settimeout(_left(deadline))
             heard = peer.recv(len(_GO))
         except TimeoutError as error:
             raise InputError(
-                f"Process 0 still waits for others after {member.timeout:g} s; start all {member.processes} processes."
+                f"Process 0 still waits for others after {own.timeout:g} s; start all {own.num_processes} processes."
             ) from error
         except OSError:
             heard = b""
     if heard != _GO:
         raise InputError(
-            f"Process 0 at {member.host}:{member.port} has ended or has no place for process {member.process} of "
-            f"{member.processes}; give each process its own --process, and all the same --processes."
+            f"Process 0 at {own.host}:{own.port} has ended or has no place for process {own.process_id} of "
+            f"{own.num_processes}; give each process its own --process, and all the same --processes."
         )
 
 
-def _connected(member: Member, deadline: float) -> socket.socket:
+def _connected(own: DistributedProcess, deadline: float) -> socket.socket:
     while True:
         try:
-            return socket.create_connection((member.host, member.port), _left(deadline))
+            return socket.create_connection((own.host, own.port), _left(deadline))
         except OSError as error:
             if time.monotonic() + _RETRY_TIME > deadline:
                 raise InputError(
-                    f"No process 0 was found at {member.host}:{member.port} within {member.timeout:g} s "
+                    f"No process 0 was found at {own.host}:{own.port} within {own.timeout:g} s "
                     f"({error.strerror or 'no answer'}); start it, at an address that this machine can reach."
                 ) from error
             time.sleep(_RETRY_TIME)

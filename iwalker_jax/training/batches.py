@@ -13,7 +13,7 @@ from iwalker_jax.planning.robot_state import RobotState, StepGeometry, sample_ro
 from iwalker_jax.training.maps import FrameMaps, TrainingData
 
 
-class Batch(NamedTuple):
+class TrainingBatch(NamedTuple):
     """What one training step sees; every field has a leading batch axis."""
 
     depth: Float[Array, "batch height width"]
@@ -41,13 +41,13 @@ def gather_batch(
     mirror: bool,
     steps: StepGeometry,
     hlip: HlipParameters,
-) -> Batch:
+) -> TrainingBatch:
     """Frames `index`, each with a random goal (the route's end every third time) and robot state, perhaps mirrored.
 
     Pure; the random numbers of a row depend on its place in the batch and the key alone.
     """
 
-    def one(i: Array, row_key: Array) -> Batch:
+    def one(i: Array, row_key: Array) -> TrainingBatch:
         k_end, k_goal, k_mirror, k_state = jax.random.split(row_key, 4)
         count = data.goals.shape[1]
         chosen = jnp.where(jax.random.uniform(k_end) < 1 / 3, 0, jax.random.randint(k_goal, (), 0, count))
@@ -66,7 +66,7 @@ def gather_batch(
         mount = jnp.where(flip, data.mounts[i] * jnp.asarray([1.0, 1.0, -1.0, 1.0, -1.0]), data.mounts[i])
         maps = jax.tree.map(lambda field, other: jnp.where(flip, other, field), maps, maps.mirrored())
         # The sampled states are symmetric in left and right already.
-        return Batch(depth, goal, mount, sample_robot_state(k_state, steps, hlip), maps)
+        return TrainingBatch(depth, goal, mount, sample_robot_state(k_state, steps, hlip), maps)
 
     # The keys come from the row's number, so that a batch is the same however it is spread over devices.
     keys = jax.vmap(lambda row: jax.random.fold_in(key, row))(jnp.arange(index.shape[0]))

@@ -11,7 +11,8 @@ import orbax.checkpoint as ocp
 from jax.sharding import SingleDeviceSharding
 
 from iwalker_jax.errors import CheckpointError
-from iwalker_jax.training.config import TrainConfig, config_from_dict, config_to_dict
+from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.train_step import TrainState, initial_state, make_optimiser
 
 _LEAVES, _META = "state", "meta"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+import optax
 from jax.sharding import Mesh
 
 from iwalker_jax.errors import CheckpointError, InputError
@@ -32,7 +33,7 @@ MAX_BROKEN_STEPS = 10
 
 
 @dataclass
-class Progress:
+class TrainingProgress:
     """What a progress display needs after each step."""
 
     step: int
@@ -71,7 +72,7 @@ def train(
     mesh: Mesh | None = None,
     tensorboard: bool = False,
     stop_after: int | None = None,
-    on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_progress: Callable[[TrainingProgress], None] = lambda progress: None,
     say: Callable[[str], None] = print,
 ) -> TrainResult:
     """Train a planner; checkpoints and metrics go to `folder`.
@@ -101,6 +102,65 @@ def train(
     store = CheckpointStore(folder / "checkpoints", config.keep_checkpoints)
     if not resume:
         store.delete_after(-1)
+    state = _starting_state(store, config, optimiser, frames, resume, start_from, say)
+    first = int(state.step)
+    if 0 < first < total:
+        say(f"Resuming at step {first} of {total}.")
+    # The step donates its state: never hand it the caller's own arrays.
+    state = device_put(state, mesh)
+    data = device_put(data, mesh)
+    checkpoints = _Checkpoints(store, config, frames, say, first if first in store.steps() else -1)
+    broken = _BrokenSteps(folder, say)
+    log = MetricsLog(folder, first, tensorboard)
+    step_function = make_train_step(config, optimiser, mesh)
+    last = min(total, total if stop_after is None else stop_after)
+    interrupted = False
+    done = first
+    clock = time.perf_counter()
+    try:
+        for step in range(first, last):
+            index = frame_order(config.seed, frames, config.batch_size, step)
+            state, report = step_function(state, data, device_put(index, mesh, "batch"))
+            losses = _as_floats(report)
+            done = step + 1
+            broken.count(report, step, index, losses, state)
+            now = time.perf_counter()
+            speed = config.batch_size / max(now - clock, 1e-9)
+            clock = now
+            log.write(step, losses | {"frames_per_second": speed})
+            on_progress(TrainingProgress(done, total, losses, speed))
+            if done % config.checkpoint_every == 0 or done == total:
+                checkpoints.save(state)
+                clock = time.perf_counter()
+    except KeyboardInterrupt:
+        interrupted = True
+    finally:
+        log.close()
+    # A step that Ctrl-C cut short has donated its state; only a state that is still there can be saved.
+    alive = not any(leaf.is_deleted() for leaf in jax.tree.leaves(state))
+    if alive and checkpoints.saved != int(state.step):
+        checkpoints.save(state)
+    if interrupted:
+        say(f"Interrupted after step {done}; the same command resumes from checkpoint {store.steps()[-1:]}.")
+    store.close()
+    # Whole on one device, so that this process can use it alone.
+    return TrainResult(device_put(state, None) if alive else state, interrupted, checkpoints.unsaved)
+
+
+def _starting_state(
+    store: CheckpointStore,
+    config: TrainConfig,
+    optimiser: optax.GradientTransformationExtraArgs,
+    frames: int,
+    resume: bool,
+    start_from: Planner | None,
+    say: Callable[[str], None],
+) -> TrainState:
+    """The state that process 0 resumes from or starts with, in every process.
+
+    Raises:
+        InputError: if this process has another number of frames.
+    """
     state = _restored(store, config, frames, say) if resume and is_first() else None
     if state is None:
         state = initial_state(config, optimiser)
@@ -110,57 +170,7 @@ def train(
     state, theirs = broadcast((state, np.int32(frames)))
     if frames != theirs:
         raise InputError(f"This process has {frames} frames and process 0 has {theirs}; give all the same data.")
-    first = int(state.step)
-    if 0 < first < total:
-        say(f"Resuming at step {first} of {total}.")
-    # The step donates its state: never hand it the caller's own arrays.
-    state = device_put(state, mesh)
-    data = device_put(data, mesh)
-    log = MetricsLog(folder, first, tensorboard)
-    step_function = make_train_step(config, optimiser, mesh)
-    last = min(total, total if stop_after is None else stop_after)
-    interrupted, unsaved, broken = False, None, 0
-    done = first
-    saved = first if first in store.steps() else -1
-    clock = time.perf_counter()
-    try:
-        for step in range(first, last):
-            index = frame_order(config.seed, frames, config.batch_size, step)
-            state, report = step_function(state, data, device_put(index, mesh, "batch"))
-            losses = _as_floats(report)
-            done = step + 1
-            if report.finite:
-                broken = 0
-            else:
-                broken += 1
-                file = save_broken_batch(folder, step, index, losses, state)
-                say(f"Step {step} gave a loss or gradient that is not finite; it was skipped and kept in {file}.")
-                if broken >= MAX_BROKEN_STEPS:
-                    raise FloatingPointError(
-                        f"{broken} steps in a row were not finite; lower the learning rate or inspect {file}."
-                    )
-            now = time.perf_counter()
-            speed = config.batch_size / max(now - clock, 1e-9)
-            clock = now
-            log.write(step, losses | {"frames_per_second": speed})
-            on_progress(Progress(done, total, losses, speed))
-            if done % config.checkpoint_every == 0 or done == total:
-                unsaved = _save(store, state, config, frames, say)
-                saved = done if unsaved is None else saved
-                clock = time.perf_counter()
-    except KeyboardInterrupt:
-        interrupted = True
-    finally:
-        log.close()
-    # A step that Ctrl-C cut short has donated its state; only a state that is still there can be saved.
-    alive = not any(leaf.is_deleted() for leaf in jax.tree.leaves(state))
-    if alive and saved != int(state.step):
-        unsaved = _save(store, state, config, frames, say)
-    if interrupted:
-        say(f"Interrupted after step {done}; the same command resumes from checkpoint {store.steps()[-1:]}.")
-    store.close()
-    # Whole on one device, so that this process can use it alone.
-    return TrainResult(device_put(state, None) if alive else state, interrupted, unsaved)
+    return state
 
 
 def _restored(
@@ -179,17 +189,59 @@ def _restored(
     return state
 
 
-def _save(
-    store: CheckpointStore, state: TrainState, config: TrainConfig, frames: int, say: Callable[[str], None]
-) -> str | None:
-    """Save in process 0; a failure is said and training goes on, because the next attempt may succeed."""
-    try:
-        if is_first():
-            store.save(state, config, frames)
-    except CheckpointError as error:
-        say(str(error))
-        return str(error)
-    return None
+class _Checkpoints:
+    """Saves states in process 0; a failure is said and training goes on, because the next attempt may succeed.
+
+    Attributes:
+        saved: step of the newest state that was saved.
+        unsaved: why the last attempt failed; None if it did not.
+    """
+
+    def __init__(
+        self, store: CheckpointStore, config: TrainConfig, frames: int, say: Callable[[str], None], saved: int
+    ) -> None:
+        self._store, self._config, self._frames, self._say = store, config, frames, say
+        self.saved = saved
+        self.unsaved: str | None = None
+
+    def save(self, state: TrainState) -> None:
+        """Write a checkpoint."""
+        try:
+            if is_first():
+                self._store.save(state, self._config, self._frames)
+        except CheckpointError as error:
+            self.unsaved = str(error)
+            self._say(self.unsaved)
+            return
+        self.unsaved = None
+        self.saved = int(state.step)
+
+
+class _BrokenSteps:
+    """Counts consecutive steps without a finite gradient; each is kept in a file and said."""
+
+    def __init__(self, folder: Path, say: Callable[[str], None]) -> None:
+        self._folder, self._say = folder, say
+        self._consecutive = 0
+
+    def count(
+        self, report: StepReport, step: int, index: np.ndarray, losses: dict[str, float], state: TrainState
+    ) -> None:
+        """Take note of a step.
+
+        Raises:
+            FloatingPointError: if it is the last of `MAX_BROKEN_STEPS` in a row.
+        """
+        if report.finite:
+            self._consecutive = 0
+            return
+        self._consecutive += 1
+        file = save_broken_batch(self._folder, step, index, losses, state)
+        self._say(f"Step {step} gave a loss or gradient that is not finite; it was skipped and kept in {file}.")
+        if self._consecutive >= MAX_BROKEN_STEPS:
+            raise FloatingPointError(
+                f"{self._consecutive} steps in a row were not finite; lower the learning rate or inspect {file}."
+            )
 
 
 def _as_floats(report: StepReport) -> dict[str, float]:

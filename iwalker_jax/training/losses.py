@@ -24,9 +24,7 @@ from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes
 from iwalker_jax.training.maps import FrameMaps
 
 _ROUTE_SOFTNESS = 0.05  # [m] below which the distance to the route counts quadratically
-
-
-_SHARES = ("converged", "asked")  # of losses: what tells of the solvers
+_SHARES = ("converged", "solved")  # fields of losses that tell of the solvers
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class LossWeights:
         step_collision: body overlap at the footsteps (U_ESDF).
         published_collision: published map's value at the footsteps, the paper's own U_ESDF.
         torque_margin, shortfall, placement: what the walking controller's whole-body QP and its stepping feedback say
-            of the first footsteps (see `low_level.LowLevelLosses`); part of U_step.
+            of the first footsteps (see `whole_body_losses.WholeBodyLosses`); part of U_step.
         step_to_path: whether U_step's gradient reaches iPath.
     """
 
@@ -77,7 +75,7 @@ class LossWeights:
             raise InputError("Loss weights must be finite and not negative.")
 
     @property
-    def ask_low_level(self) -> bool:
+    def uses_whole_body(self) -> bool:
         """Whether any term needs the robot and its controller."""
         return max(self.torque_margin, self.shortfall, self.placement) > 0
 
@@ -200,6 +198,6 @@ def step_losses(
 
 
 def weighted_sum(losses: Any, weights: LossWeights) -> Float[Array, ""]:
-    """Weighted sum of the terms of U_path, U_step or the low level, a NamedTuple; shares of usable rows are none."""
+    """Weighted sum of the terms of U_path, U_step or the whole-body losses; shares of usable rows are no terms."""
     terms = {name: value for name, value in losses._asdict().items() if name not in _SHARES}
     return sum((getattr(weights, name) * value for name, value in terms.items()), start=jnp.zeros(()))

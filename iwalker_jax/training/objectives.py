@@ -11,26 +11,27 @@ from iwalker_jax.perception.map_sampling import sample_smooth
 from iwalker_jax.planning.ipath import reduced_goal
 from iwalker_jax.planning.planner import Plan, Planner, waypoints_to_path
 from iwalker_jax.training.baselines import heuristic_losses, heuristic_sum
-from iwalker_jax.training.batches import Batch
+from iwalker_jax.training.batches import TrainingBatch
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.losses import fear_loss, path_losses, step_losses, weighted_sum
-from iwalker_jax.training.low_level import LowLevel, low_level_losses
 from iwalker_jax.training.ppo import ActorCritic, Experience, log_density, normalised, ppo_losses, ppo_sum
+from iwalker_jax.training.whole_body_losses import ControlledRobot, whole_body_losses
 
 
 def batch_losses(
-    planner: Planner, batch: Batch, config: TrainConfig, low_level: LowLevel | None = None
+    planner: Planner, batch: TrainingBatch, config: TrainConfig, controlled: ControlledRobot | None = None
 ) -> tuple[Array, tuple[dict, Array, Plan]]:
     """Total loss of a batch, its terms, the rows that count, and the plan; for every method but PPO.
 
     U_path is a function of the path alone, so it reaches iPath only; U_step is a function of the footsteps, which
-    follow from the path, so it reaches both unless `step_to_path` is off. The low level is asked if there is one.
+    follow from the path, so it reaches both unless `step_to_path` is off. With a controlled robot the
+    whole-body losses are part of U_step.
     """
     path, waypoints, fear = planner.plan_path(batch.depth, batch.goal, batch.mount)
     path_loss, path_terms = _path_loss(path, fear, batch, config)
     joint = config.weights.step_to_path and config.method == "iwalker"
     followed = path if joint else jax.lax.stop_gradient(path)
-    footsteps, step_loss, step_terms = _step_loss(planner, followed, batch, config, low_level)
+    footsteps, step_loss, step_terms = _step_loss(planner, followed, batch, config, controlled)
 
     # An implicit gradient is only right at the optimum: rows that did not converge are counted and left out.
     counts = path_terms["converged"] & step_terms["converged"]
@@ -39,7 +40,9 @@ def batch_losses(
     return loss, (_means(path_terms | step_terms | sums), counts, Plan(path, waypoints, fear, footsteps))
 
 
-def explore(learner: ActorCritic, batch: Batch, key: Array, config: TrainConfig) -> tuple[Experience, dict[str, Array]]:
+def explore(
+    learner: ActorCritic, batch: TrainingBatch, key: Array, config: TrainConfig
+) -> tuple[Experience, dict[str, Array]]:
     """Waypoints drawn from PPO's policy, and what their paths earn: minus U_path, but for fear, which is no choice.
 
     Also the terms of U_path of the policy's mean, which is the planner's own path.
@@ -65,7 +68,11 @@ def explore(learner: ActorCritic, batch: Batch, key: Array, config: TrainConfig)
 
 
 def policy_losses(
-    learner: ActorCritic, batch: Batch, tried: Experience, config: TrainConfig, low_level: LowLevel | None = None
+    learner: ActorCritic,
+    batch: TrainingBatch,
+    tried: Experience,
+    config: TrainConfig,
+    controlled: ControlledRobot | None = None,
 ) -> tuple[Array, tuple[dict, Array, Plan]]:
     """What `batch_losses` says, for PPO: U_path reaches iPath as a reward alone; fear and footsteps learn as ever."""
     planner, settings = learner.planner, config.ppo
@@ -75,7 +82,7 @@ def policy_losses(
     policy = ppo_losses(waypoints, learner.log_deviation[...], value, tried, settings)
     clearance = jax.vmap(lambda esdf, points: sample_smooth(esdf, DEFAULT_GRID, points))(batch.maps.esdf, followed)
     fears = jax.vmap(lambda logit, row: fear_loss(logit, row, config.models))(fear, clearance)
-    footsteps, step_loss, step_terms = _step_loss(planner, followed, batch, config, low_level)
+    footsteps, step_loss, step_terms = _step_loss(planner, followed, batch, config, controlled)
     counts = step_terms["converged"]
     taught = jnp.mean(jnp.where(counts, config.weights.fear * fears + step_loss, 0.0))
     loss = ppo_sum(policy, settings) + taught
@@ -84,7 +91,7 @@ def policy_losses(
     return loss, (terms, counts, Plan(path, waypoints, fear, footsteps))
 
 
-def _path_loss(path: Array, fear: Array, batch: Batch, config: TrainConfig) -> tuple[Array, dict[str, Array]]:
+def _path_loss(path: Array, fear: Array, batch: TrainingBatch, config: TrainConfig) -> tuple[Array, dict[str, Array]]:
     """Each row's path loss and its terms, by the method."""
     if config.method in ("iplanner", "finetuned"):
         heuristic = jax.vmap(heuristic_losses)(path, fear, batch.goal, batch.maps)
@@ -99,7 +106,7 @@ def _path_loss(path: Array, fear: Array, batch: Batch, config: TrainConfig) -> t
 
 
 def _step_loss(
-    planner: Planner, path: Array, batch: Batch, config: TrainConfig, low_level: LowLevel | None
+    planner: Planner, path: Array, batch: TrainingBatch, config: TrainConfig, controlled: ControlledRobot | None
 ) -> tuple[Array, Array, dict[str, Array]]:
     """Footsteps along a path, each row's U_step and its terms."""
     footsteps = planner.istepper(path, batch.state)
@@ -107,12 +114,12 @@ def _step_loss(
         footsteps, path, batch.state, batch.maps
     )
     loss = jax.vmap(lambda row: weighted_sum(row, config.weights))(terms)
-    if low_level is None:
+    if controlled is None:
         return footsteps, loss, terms._asdict()
     width = config.models.steps.width
-    asked = jax.vmap(lambda s, x: low_level_losses(low_level, s, x, width))(footsteps, batch.state)
-    loss = loss + jax.vmap(lambda row: weighted_sum(row, config.weights))(asked)
-    return footsteps, loss, terms._asdict() | asked._asdict()
+    whole_body = jax.vmap(lambda s, x: whole_body_losses(controlled, s, x, width))(footsteps, batch.state)
+    loss = loss + jax.vmap(lambda row: weighted_sum(row, config.weights))(whole_body)
+    return footsteps, loss, terms._asdict() | whole_body._asdict()
 
 
 def _means(terms: dict[str, Any]) -> dict[str, Array]:

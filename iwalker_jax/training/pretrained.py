@@ -12,7 +12,8 @@ from flax import nnx
 from iwalker_jax.errors import CheckpointError
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.runtime.files import write_npz
-from iwalker_jax.training.config import TrainConfig, config_from_dict, config_to_dict
+from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.train_step import make_planner, planner_from
 
 PRETRAINED = Path(__file__).with_name("pretrained.npz")

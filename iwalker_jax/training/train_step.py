@@ -12,12 +12,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.planning.planner import Planner
-from iwalker_jax.training.batches import Batch, gather_batch
+from iwalker_jax.training.batches import TrainingBatch, gather_batch
 from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.low_level import LowLevel, load_low_level
 from iwalker_jax.training.maps import TrainingData
 from iwalker_jax.training.objectives import batch_losses, explore, policy_losses
 from iwalker_jax.training.ppo import ActorCritic, Experience
+from iwalker_jax.training.whole_body_losses import ControlledRobot, load_controlled_robot
 
 
 class TrainState(NamedTuple):
@@ -138,12 +138,12 @@ def make_train_step(
 
 
 def _gradient_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None):
-    graph, low_level = _learner_graph(config), _low_level(config)
+    graph, controlled = _learner_graph(config), _controlled_robot(config)
 
     def step(state: TrainState, data: TrainingData, index: Array) -> tuple[TrainState, StepReport]:
         batch = _batch(state, data, index, config, mesh)
         params, opt_state, report = _descend(
-            state, lambda params: batch_losses(nnx.merge(graph, params), batch, config, low_level), optimiser
+            state, lambda params: batch_losses(nnx.merge(graph, params), batch, config, controlled), optimiser
         )
         return TrainState(params, opt_state, state.key, state.step + 1), report
 
@@ -152,7 +152,7 @@ def _gradient_step(config: TrainConfig, optimiser: optax.GradientTransformationE
 
 def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None):
     """Two programs, one that tries paths and one for each of the epochs: a loop within one is slower on CPUs."""
-    graph, low_level = _learner_graph(config), _low_level(config)
+    graph, controlled = _learner_graph(config), _controlled_robot(config)
 
     def attempt(state: TrainState, data: TrainingData, index: Array):
         batch = _batch(state, data, index, config, mesh)
@@ -160,9 +160,9 @@ def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraA
         key = jax.random.fold_in(_step_key(state), config.batch_size)
         return batch, *explore(nnx.merge(graph, state.params), batch, key, config)
 
-    def improve(state: TrainState, batch: Batch, tried: Experience) -> tuple[TrainState, StepReport]:
+    def improve(state: TrainState, batch: TrainingBatch, tried: Experience) -> tuple[TrainState, StepReport]:
         params, opt_state, report = _descend(
-            state, lambda params: policy_losses(nnx.merge(graph, params), batch, tried, config, low_level), optimiser
+            state, lambda params: policy_losses(nnx.merge(graph, params), batch, tried, config, controlled), optimiser
         )
         return TrainState(params, opt_state, state.key, state.step), report
 
@@ -180,15 +180,17 @@ def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraA
     return step
 
 
-def _low_level(config: TrainConfig) -> LowLevel | None:
-    return load_low_level() if config.weights.ask_low_level else None
+def _controlled_robot(config: TrainConfig) -> ControlledRobot | None:
+    return load_controlled_robot() if config.weights.uses_whole_body else None
 
 
 def _step_key(state: TrainState) -> Array:
     return jax.random.fold_in(jax.random.wrap_key_data(state.key), state.step)
 
 
-def _batch(state: TrainState, data: TrainingData, index: Array, config: TrainConfig, mesh: Mesh | None) -> Batch:
+def _batch(
+    state: TrainState, data: TrainingData, index: Array, config: TrainConfig, mesh: Mesh | None
+) -> TrainingBatch:
     batch = gather_batch(data, index, _step_key(state), config.mirror, config.models.steps, config.models.hlip)
     if mesh is None:
         return batch

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from experiments import ablation, compare, evaluate, low_level, train
+from experiments import ablation, compare, evaluate, train, whole_body_study
 from experiments.shared import training_study as study
 from iwalker_jax.training.config import TrainConfig
 from tests.experiments.commands import fails_with_one_sentence
@@ -49,11 +49,11 @@ def test_ablations_change_one_thing():
     assert rows["published-map"].weights.published_collision > 0 == rows["published-map"].weights.step_collision
 
 
-def test_the_low_level_study_changes_its_terms_alone():
-    rows = low_level.variants(low_level.Command(epochs=8))
-    assert rows.pop("without") == DEFAULT and not DEFAULT.weights.ask_low_level
+def test_the_whole_body_study_changes_its_terms_alone():
+    rows = whole_body_study.variants(whole_body_study.Command(epochs=8))
+    assert rows.pop("without") == DEFAULT and not DEFAULT.weights.uses_whole_body
     for config in rows.values():
-        assert config.weights.ask_low_level
+        assert config.weights.uses_whole_body
         silent = dataclasses.replace(config.weights, torque_margin=0.0, shortfall=0.0, placement=0.0)
         assert dataclasses.replace(config, weights=silent) == DEFAULT
     assert rows["qp"] == dataclasses.replace(
@@ -63,10 +63,10 @@ def test_the_low_level_study_changes_its_terms_alone():
 
 def test_differences_are_paired_by_task():
     """By hand: +2 and +4, and a task that has no value does not count."""
-    column = low_level.COLUMNS[0]
+    column = whole_body_study.COLUMNS[0]
     first, second = ([{column.title: value} for value in values] for values in ((1, 2, float("nan")), (3, 6, 1)))
-    assert low_level.difference(first, second, column) == "+3.00 [+1.04, +4.96] (2)"
-    assert low_level.difference(first[:1], second[:1], column) == "-"
+    assert whole_body_study.difference(first, second, column) == "+3.00 [+1.04, +4.96] (2)"
+    assert whole_body_study.difference(first[:1], second[:1], column) == "-"
 
 
 @pytest.mark.parametrize(
@@ -76,25 +76,25 @@ def test_differences_are_paired_by_task():
         (ablation, ["--unseen-scenes", "-1"], "--unseen-scenes is -1; give at least 0"),
         (train, ["--unseen-scenes", "-1"], "--unseen-scenes"),
         (evaluate, ["--unseen-scenes", "-1"], "--unseen-scenes"),
-        (low_level, ["--policy", "psychic"], "psychic"),
-        (low_level, ["--tasks", "0"], "--tasks"),
+        (whole_body_study, ["--policy", "psychic"], "psychic"),
+        (whole_body_study, ["--tasks", "0"], "--tasks"),
     ],
 )
 def test_what_would_fail_late_is_refused_at_once(tmp_path, capsys, monkeypatch, command, options, words):
     """Property: one sentence before any frame is made."""
-    for module in (study, train, low_level):
+    for module in (study, train, whole_body_study):
         monkeypatch.setattr(module, "prepare_data", lambda config: pytest.fail("work was begun"))
     run = lambda: command.main([*options, "--out", str(tmp_path / "out")])  # noqa: E731
     assert words in fails_with_one_sentence(run, capsys)
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("command", [compare, low_level, train])
+@pytest.mark.parametrize("command", [compare, whole_body_study, train])
 def test_a_stopped_command_says_how_to_go_on(tmp_path, capsys, monkeypatch, command):
     def stopped(config):
         raise KeyboardInterrupt
 
-    for module in (study, train, low_level):
+    for module in (study, train, whole_body_study):
         monkeypatch.setattr(module, "prepare_data", stopped)
     assert command.main(["--out", str(tmp_path)]) == 130
     assert "Stopped; the same command goes on" in capsys.readouterr().out

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from iwalker_jax.training.checkpoints import CheckpointStore
-from iwalker_jax.training.config import TrainConfig, config_from_dict
+from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training.config_dict import config_from_dict
 from iwalker_jax.training.run_log import read_metrics
 from tests.data.recording_folders import write_yaml_recording
 from tests.experiments.commands import SCENES, SMALL, fails_with_one_sentence, train_command

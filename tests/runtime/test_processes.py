@@ -1,4 +1,4 @@
-"""How processes come together: options, and the roll call with everyone there and with someone missing."""
+"""How processes come together: options, and the rendezvous with everyone there and with someone missing."""
 
 import socket
 import threading
@@ -7,15 +7,17 @@ import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.processes import ProcessGroup
-from iwalker_jax.runtime.rendezvous import Member, rendezvous
+from iwalker_jax.runtime.rendezvous import DistributedProcess, rendezvous
 from tests.runtime.ports import free_port
 
 
 def test_options_win_over_the_environment():
     environment = {"IWALKER_COORDINATOR": "far:1", "IWALKER_PROCESSES": "4", "IWALKER_PROCESS": "3"}
-    assert ProcessGroup().member({}) is None
-    assert ProcessGroup().member(environment) == Member("far", 1, 3, 4, 300.0)
-    assert ProcessGroup("[::1]:8476", process=0, join_timeout=5).member(environment) == Member("::1", 8476, 0, 4, 5)
+    assert ProcessGroup().this_process({}) is None
+    assert ProcessGroup().this_process(environment) == DistributedProcess("far", 1, 3, 4, 300.0)
+    assert ProcessGroup("[::1]:8476", process=0, join_timeout=5).this_process(environment) == DistributedProcess(
+        "::1", 8476, 0, 4, 5
+    )
 
 
 @pytest.mark.parametrize(
@@ -33,20 +35,20 @@ def test_options_win_over_the_environment():
 )
 def test_bad_options(options, environment, words):
     with pytest.raises(InputError, match=words):
-        ProcessGroup(**options).member(environment)
+        ProcessGroup(**options).this_process(environment)
 
 
-def roll_call(*members: Member) -> list[str]:
-    """What each member hears: an error's sentence, or nothing."""
-    heard = [""] * len(members)
+def rendezvous_of(*processes: DistributedProcess) -> list[str]:
+    """What each process hears: an error's sentence, or nothing."""
+    heard = [""] * len(processes)
 
     def answer(k: int) -> None:
         try:
-            rendezvous(members[k])
+            rendezvous(processes[k])
         except InputError as error:
             heard[k] = str(error)
 
-    threads = [threading.Thread(target=answer, args=(k,), daemon=True) for k in range(len(members))]
+    threads = [threading.Thread(target=answer, args=(k,), daemon=True) for k in range(len(processes))]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -55,9 +57,9 @@ def roll_call(*members: Member) -> list[str]:
     return heard
 
 
-def test_a_full_roll_call_lets_everyone_go_on():
+def test_everyone_goes_on_once_all_are_there():
     port = free_port()
-    assert roll_call(*(Member("localhost", port, k, 3, 15) for k in (2, 0, 1))) == ["", "", ""]
+    assert rendezvous_of(*(DistributedProcess("localhost", port, k, 3, 15) for k in (2, 0, 1))) == ["", "", ""]
 
 
 @pytest.mark.parametrize(
@@ -70,18 +72,21 @@ def test_a_full_roll_call_lets_everyone_go_on():
 )
 def test_who_is_missing_is_said(answers, calls_out, others):
     port = free_port()
-    members = [Member("localhost", port, 0, 2, 1), *(Member("localhost", port, *answer, 1) for answer in answers)]
-    first, *rest = roll_call(*members)
+    processes = [
+        DistributedProcess("localhost", port, 0, 2, 1),
+        *(DistributedProcess("localhost", port, *answer, 1) for answer in answers),
+    ]
+    first, *rest = rendezvous_of(*processes)
     assert calls_out in first
     assert all(words in sentence for words, sentence in zip(others, rest, strict=True))
 
 
 def test_a_coordinator_that_is_not_there_is_said():
-    (sentence,) = roll_call(Member("localhost", free_port(), 1, 2, 0.5))
+    (sentence,) = rendezvous_of(DistributedProcess("localhost", free_port(), 1, 2, 0.5))
     assert "No process 0 was found" in sentence
 
 
 def test_a_port_in_use_is_said():
     with socket.create_server(("", 0)) as taken:
-        (sentence,) = roll_call(Member("localhost", taken.getsockname()[1], 0, 2, 0.5))
+        (sentence,) = rendezvous_of(DistributedProcess("localhost", taken.getsockname()[1], 0, 2, 0.5))
     assert "cannot be used" in sentence

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from iwalker_jax.evaluation.episodes.study import run_study
-from iwalker_jax.runtime.processes import ProcessGroup, is_first, join, leave
+from iwalker_jax.runtime.processes import ProcessGroup, exit_process, is_first, join_group
 from iwalker_jax.training.loop import TrainResult, batch_mesh, train
 from iwalker_jax.training.maps import TrainingData
 from tests.evaluation.episode_records import StubProgram
@@ -31,7 +31,7 @@ def train_until(step: int, data: TrainingData, folder: Path) -> TrainResult:
 
 def main(folder: Path) -> int:
     """Go on with a run and with a study; the environment says which process this is."""
-    join(ProcessGroup())
+    join_group(ProcessGroup())
     assert jax.process_count() == jax.device_count() == 2
     with np.load(folder / "data.npz") as stored:
         data = TrainingData(**{name: stored[name] for name in TrainingData._fields})
@@ -44,4 +44,4 @@ def main(folder: Path) -> int:
 
 
 if __name__ == "__main__":
-    leave(main(Path(sys.argv[1])))
+    exit_process(main(Path(sys.argv[1])))

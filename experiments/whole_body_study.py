@@ -1,4 +1,4 @@
-"""Does asking the low level in training make better walks? python -m experiments.low_level [--epochs 20 --tasks 20]."""
+"""Do whole-body losses in training make better episodes? python -m experiments.whole_body_study [--tasks 20]."""
 
 import sys
 
@@ -31,16 +31,16 @@ from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.tasks.generated import generated_tasks
 from iwalker_jax.tasks.task import Task
-from iwalker_jax.training.batches import Batch, gather_batch
+from iwalker_jax.training.batches import TrainingBatch, gather_batch
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.loop import train
 from iwalker_jax.training.losses import LossWeights
-from iwalker_jax.training.low_level import LowLevelLosses, load_low_level, low_level_losses
 from iwalker_jax.training.maps import TrainingData
 from iwalker_jax.training.train_step import planner_from
+from iwalker_jax.training.whole_body_losses import WholeBodyLosses, load_controlled_robot, whole_body_losses
 
-ASKED = LossWeights(torque_margin=10.0, shortfall=3.0, placement=5.0)
-"""Weights of the variant that asks the low level about everything."""
+ALL_TERMS = LossWeights(torque_margin=10.0, shortfall=3.0, placement=5.0)
+"""Weights of the variant with all of the whole-body losses."""
 
 _SHOWN = ("success %", "collided %", "fell %", "SPL", "speed m/s", "torque %", "QP failed %")
 COLUMNS = (
@@ -53,27 +53,27 @@ FRAMES = 256
 
 @dataclass(frozen=True)
 class Command:
-    """Train with and without the low level's terms, walk the same tasks with each and print the table.
+    """Train with and without the whole-body losses, run the same tasks with each and print the table.
 
-    without: none of the terms. qp: torque_margin and shortfall, which the whole-body QP is asked for. all: placement,
+    without: none of the terms. qp: torque_margin and shortfall, which come from the whole-body QP. all: placement,
     the stepping feedback's, as well.
 
     Attributes:
         out: folder of runs and table; finished runs in it are not repeated.
         epochs: passes through the frames; frames: their number.
-        tasks: generated walks a variant, all of them at a time; seed: of training, tasks and noise.
-        policy: who walks: default, networks, published or classical; see experiments.evaluate. networks has iStepper
-            follow the path itself.
-        weights: of the variant that asks for all.
+        tasks: generated tasks a variant, all of them at a time; seed: of training, tasks and noise.
+        policy: how to navigate: default, networks, published or classical; see experiments.evaluate. networks has
+            iStepper follow the path itself.
+        weights: of the variant `all`.
     """
 
-    out: Path = Path("runs/low_level")
+    out: Path = Path("runs/whole_body")
     epochs: int = 20
     frames: int = 1185
     tasks: int = 20
     seed: int = 0
     policy: str = "default"
-    weights: LossWeights = field(default_factory=lambda: ASKED)
+    weights: LossWeights = field(default_factory=lambda: ALL_TERMS)
 
 
 def variants(command: Command) -> dict[str, TrainConfig]:
@@ -93,26 +93,26 @@ def trained(label: str, config: TrainConfig, data: TrainingData, folder: Path) -
     return None if result.interrupted else planner_from(config, result.state.params)
 
 
-def footstep_terms(planner: Planner, data: TrainingData, config: TrainConfig) -> LowLevelLosses:
-    """Means of the low level's terms over the footsteps of some frames, each with a robot state of its own."""
-    low_level, width = load_low_level(), config.models.steps.width
+def footstep_terms(planner: Planner, data: TrainingData, config: TrainConfig) -> WholeBodyLosses:
+    """Means of the whole-body losses over the footsteps of some frames, each with a robot state of its own."""
+    controlled, width = load_controlled_robot(), config.models.steps.width
     graph, params = nnx.split(planner, nnx.Param)
     index = jnp.arange(min(FRAMES, data.depth.shape[0]))
     models = config.models
     batch = gather_batch(data, index, jax.random.key(1), False, models.steps, models.hlip)
 
     @jax.jit
-    def terms(params: nnx.State, batch: Batch) -> LowLevelLosses:
+    def terms(params: nnx.State, batch: TrainingBatch) -> WholeBodyLosses:
         footsteps = nnx.merge(graph, params)(batch.depth, batch.goal, batch.state, batch.mount).footsteps
-        return jax.vmap(lambda steps, state: low_level_losses(low_level, steps, state, width))(footsteps, batch.state)
+        return jax.vmap(lambda steps, state: whole_body_losses(controlled, steps, state, width))(footsteps, batch.state)
 
     return jax.tree.map(lambda values: np.mean(np.asarray(values)), terms(params, batch))
 
 
-def walked(planner: Planner, command: Command, tasks: Sequence[Task], shortest: Sequence[float]) -> list[dict]:
+def episode_rows(planner: Planner, command: Command, tasks: Sequence[Task], shortest: Sequence[float]) -> list[dict]:
     """Column values of every task."""
     program = EpisodeProgram(make_navigator(command.policy, planner), len(tasks))
-    with progress_bar("walks", len(tasks)) as show:
+    with progress_bar("episodes", len(tasks)) as show:
         record = program.run(
             tasks, command.seed, on_progress=lambda seconds, running: show(len(tasks) - running, f"{seconds:.0f} s")
         )
@@ -154,22 +154,22 @@ def main(arguments: list[str] | None = None) -> int:
             terms = footstep_terms(planner, data, config)
             say(
                 f"{label}: torque margin {terms.torque_margin:.4f}, shortfall {terms.shortfall:.4f}, placement "
-                f"{terms.placement:.5f} m^2, {100 * terms.asked:.1f} % of the instants answered."
+                f"{terms.placement:.5f} m^2, {100 * terms.solved:.1f} % of the instants solved."
             )
         tasks = generated_tasks(command.tasks, command.seed)
         shortest = [shortest_route(task) for task in tasks]
-        rows = {label: walked(planner, command, tasks, shortest) for label, planner in planners.items()}
+        rows = {label: episode_rows(planner, command, tasks, shortest) for label, planner in planners.items()}
     except (InputError, CheckpointError, FloatingPointError, OSError) as error:
         exit_with(error)
     except KeyboardInterrupt:
         return stopped("the same command goes on with the trainings that are not finished")
     table = Table(
         tuple(((label, str(len(values))), tuple(values)) for label, values in rows.items()),
-        ("low level", "episodes"),
+        ("whole body", "episodes"),
         COLUMNS,
         each="episode",
     )
-    table.save(command.out, f"low_level-{command.policy}")
+    table.save(command.out, f"whole_body-{command.policy}")
     say(table.text())
     say(legend(COLUMNS))
     paired = [["minus without", *(column.title for column in COLUMNS)]]

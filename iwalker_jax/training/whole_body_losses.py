@@ -1,4 +1,4 @@
-"""What the low level says of predicted footsteps: torques, accelerations and placement, differentiated through its QP.
+"""Losses of footsteps under the whole-body controller: torques, accelerations and placement, through its QP's optimum.
 
 A footstep is judged as if it had been known when its swing began: the robot stands on one foot with its COM on the
 pendulum's arc and its swing foot on the quintic to the footstep, and the whole-body QP is asked for the motion's next
@@ -25,44 +25,44 @@ from iwalker_jax.robot.model import LEG_JOINTS, RobotModel, load_robot
 from iwalker_jax.robot.placement import place_robot
 from iwalker_jax.robot.rigid_body import rigid_body_terms
 
-PHASES = (0.25, 0.75)
-"""Of a swing at which the QP is asked: near the swing foot's largest acceleration and deceleration."""
+SWING_PHASES = (0.25, 0.75)
+"""Of a swing at which the QP is solved: near the swing foot's largest acceleration and deceleration."""
 
-STEPS = 2
+JUDGED_STEPS = 2
 """Footsteps that are judged: on the second the pendulum arrives as the first has left it."""
 
-USUAL_SHARE = 0.35
+FREE_TORQUE_SHARE = 0.35
 """Of a motor's largest torque up to which it costs nothing: what a walk on the spot takes."""
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class LowLevel:
+class ControlledRobot:
     """The robot that shall take the footsteps and the controller that shall make it."""
 
     robot: RobotModel
     controller: Controller
 
 
-class LowLevelLosses(NamedTuple):
+class WholeBodyLosses(NamedTuple):
     """Terms for one frame, unweighted (see `LossWeights`).
 
     Attributes:
-        torque_margin: squared excess of each leg motor's share of its largest torque over `USUAL_SHARE`, summed over
-            the motors, mean over the instants.
+        torque_margin: squared excess of each leg motor's share of its largest torque over `FREE_TORQUE_SHARE`, summed
+            over the motors, mean over the instants.
         shortfall: log(1 + squared accelerations that swing foot and COM miss, in units of gravity), mean over the
             instants; the logarithm keeps a leg that is nearly straight from drowning all others.
         placement: [m^2] squared distance by which the walk's stepping feedback would move the first footstep.
-        asked: share of the instants whose posture exists and whose QP converged; the others count for nothing.
+        solved: share of the instants whose posture exists and whose QP converged; the others count for nothing.
     """
 
     torque_margin: Float[Array, ""]
     shortfall: Float[Array, ""]
     placement: Float[Array, ""]
-    asked: Float[Array, ""]
+    solved: Float[Array, ""]
 
 
-class Instant(NamedTuple):
+class SwingInstant(NamedTuple):
     """One instant of a swing, in axes of the base frame with the stance foot at the origin.
 
     Attributes:
@@ -80,8 +80,8 @@ class Instant(NamedTuple):
     phase: Float[Array, ""]
 
 
-class Answer(NamedTuple):
-    """The low level's answer at an instant.
+class InstantSolution(NamedTuple):
+    """What the whole-body QP makes of an instant.
 
     Attributes:
         torque_shares: (10,) of the leg motors, signed.
@@ -95,73 +95,75 @@ class Answer(NamedTuple):
     converged: Bool[Array, ""]
 
 
-def load_low_level() -> LowLevel:
+def load_controlled_robot() -> ControlledRobot:
     """BRUCE and its walking controller, in JAX's present precision."""
     robot = load_robot(load_mujoco())
-    return LowLevel(robot, make_controller(robot))
+    return ControlledRobot(robot, make_controller(robot))
 
 
-def low_level_losses(
-    low_level: LowLevel, footsteps: Float[Array, "m 2"], state: RobotState, width: float
-) -> LowLevelLosses:
+def whole_body_losses(
+    controlled: ControlledRobot, footsteps: Float[Array, "m 2"], state: RobotState, width: float
+) -> WholeBodyLosses:
     """Terms of the first footsteps.
 
     Args:
-        low_level: who shall take them.
+        controlled: the robot that shall take them.
         footsteps: (m, 2) [m] predicted, base frame; m at least the gait's horizon.
         state: of this robot.
         width: [m] desired distance between the feet's tracks, at which the swing foot is taken to have stood.
     """
-    instants = instants_of(low_level, footsteps, state, width)
-    answers = jax.vmap(lambda instant: ask(low_level, instant))(instants)
-    usable = answers.converged.astype(footsteps.dtype)
+    instants = swing_instants(controlled, footsteps, state, width)
+    solutions = jax.vmap(lambda instant: solve_instant(controlled, instant))(instants)
+    usable = solutions.converged.astype(footsteps.dtype)
 
     def mean(values: Array) -> Array:
-        return jnp.sum(jnp.where(answers.converged, values, 0.0)) / usable.size
+        return jnp.sum(jnp.where(solutions.converged, values, 0.0)) / usable.size
 
-    excess = jnp.maximum(jnp.abs(answers.torque_shares) - USUAL_SHARE, 0.0)
-    missed = jnp.sum(answers.swing_shortfall**2 + answers.com_shortfall**2, axis=1) / GRAVITY**2
-    return LowLevelLosses(
+    excess = jnp.maximum(jnp.abs(solutions.torque_shares) - FREE_TORQUE_SHARE, 0.0)
+    missed = jnp.sum(solutions.swing_shortfall**2 + solutions.com_shortfall**2, axis=1) / GRAVITY**2
+    return WholeBodyLosses(
         torque_margin=mean(jnp.sum(excess**2, axis=1)),
         shortfall=mean(jnp.log1p(missed)),
-        placement=jnp.sum(correction(low_level, footsteps, state) ** 2),
-        asked=jnp.mean(usable),
+        placement=jnp.sum(footstep_correction(controlled, footsteps, state) ** 2),
+        solved=jnp.mean(usable),
     )
 
 
-def instants_of(low_level: LowLevel, footsteps: Float[Array, "m 2"], state: RobotState, width: float) -> Instant:
-    """The instants `PHASES` of the first `STEPS` swings, stacked.
+def swing_instants(
+    controlled: ControlledRobot, footsteps: Float[Array, "m 2"], state: RobotState, width: float
+) -> SwingInstant:
+    """The instants `SWING_PHASES` of the first `JUDGED_STEPS` swings, stacked.
 
     Where the first swing began is not part of the state. Its length is taken from the pendulum's velocity at mid-stance
     v, which a walk at a constant speed crosses with steps of 2 v sinh(lambda T / 2) / lambda.
     """
-    gait, rate = low_level.controller.gait, low_level.controller.gains.rate.astype(footsteps.dtype)
+    gait, rate = controlled.controller.gait, controlled.controller.gains.rate.astype(footsteps.dtype)
     time = gait.hlip.single_support_time
 
     def at(moment: float | Array) -> tuple[Array, Array]:
         return flow(rate, state.com_from_stance, state.com_velocity, moment - state.time_in_step)
 
-    places = footsteps[:STEPS] + state.com_from_stance
+    places = footsteps[:JUDGED_STEPS] + state.com_from_stance
     stride = 2 * jnp.sinh(rate * time / 2) / rate * at(time / 2)[1][0]
     lift_off = jnp.stack([-stride, -state.stance_side * width])
     base = jnp.zeros(2, footsteps.dtype)
     com = at(0.0)
     left = state.stance_side > 0
     instants = []
-    for k in range(STEPS):
-        for phase in PHASES:
+    for k in range(JUDGED_STEPS):
+        for phase in SWING_PHASES:
             position, velocity = flow(rate, *com, jnp.asarray(phase * time, footsteps.dtype))
             phase_array = jnp.asarray(phase, footsteps.dtype)
-            instants.append(Instant(left, position, velocity, lift_off - base, places[k] - base, phase_array))
+            instants.append(SwingInstant(left, position, velocity, lift_off - base, places[k] - base, phase_array))
         position, velocity = flow(rate, *com, jnp.asarray(time, footsteps.dtype))
         com = position + base - places[k], velocity
         lift_off, base, left = base, places[k], ~left
     return jax.tree.map(lambda *parts: jnp.stack(parts), *instants)
 
 
-def ask(low_level: LowLevel, instant: Instant) -> Answer:
+def solve_instant(controlled: ControlledRobot, instant: SwingInstant) -> InstantSolution:
     """Put the robot into an instant and solve the whole-body QP there."""
-    robot, controller = low_level.robot, low_level.controller
+    robot, controller = controlled.robot, controlled.controller
     gait, p = controller.gait, controller.tasks
     dtype = instant.com.dtype
     rate = controller.gains.rate.astype(dtype)
@@ -195,7 +197,7 @@ def ask(low_level: LowLevel, instant: Instant) -> Answer:
     moved = terms.foot_jacobians[foot, :3] @ acceleration + terms.foot_bias_accelerations[foot, :3]
     com = terms.com_jacobian @ acceleration + terms.com_bias_acceleration
     legs = 2 * len(LEG_JOINTS)
-    return Answer(
+    return InstantSolution(
         torque_shares=(motors / controller.actuation.limits)[:legs],
         swing_shortfall=swing.acceleration - moved,
         com_shortfall=jnp.append(reference.com_acceleration, 0.0) - com,
@@ -203,9 +205,11 @@ def ask(low_level: LowLevel, instant: Instant) -> Answer:
     )
 
 
-def correction(low_level: LowLevel, footsteps: Float[Array, "m 2"], state: RobotState) -> Float[Array, "2"]:
+def footstep_correction(
+    controlled: ControlledRobot, footsteps: Float[Array, "m 2"], state: RobotState
+) -> Float[Array, "2"]:
     """By how much [m] the walk's stepping feedback, which knows the pendulum and the legs' reach, moves a footstep."""
-    gait, gains = low_level.controller.gait, low_level.controller.gains
+    gait, gains = controlled.controller.gait, controlled.controller.gains
     dtype = footsteps.dtype
     places = footsteps[: gait.horizon] + state.com_from_stance
     remaining = jnp.maximum(gait.hlip.single_support_time - state.time_in_step, 1e-3)
@@ -224,7 +228,7 @@ def correction(low_level: LowLevel, footsteps: Float[Array, "m 2"], state: Robot
     return choice.footstep - places[0]
 
 
-def _swing(controller: Controller, instant: Instant) -> Motion:
+def _swing(controller: Controller, instant: SwingInstant) -> Motion:
     """Motion (3,) of the swing foot."""
     gait = controller.gait
     time = gait.hlip.single_support_time

@@ -1,4 +1,4 @@
-"""What the low level says of footsteps: derivatives against finite differences, instants against a steady walk's."""
+"""Whole-body losses of footsteps: derivatives against finite differences, instants against a steady walk's."""
 
 import dataclasses
 
@@ -10,8 +10,8 @@ import pytest
 from iwalker_jax.optimization.steps.hlip import HlipParameters
 from iwalker_jax.planning.robot_state import RobotState
 from iwalker_jax.training.losses import LossWeights
-from iwalker_jax.training.low_level import instants_of, load_low_level, low_level_losses
 from iwalker_jax.training.train_step import initial_state, make_optimiser, make_train_step
+from iwalker_jax.training.whole_body_losses import load_controlled_robot, swing_instants, whole_body_losses
 from tests.gradients import assert_gradients_agree
 
 SPEED, WIDTH, TIME = 0.3, 0.10, 0.24
@@ -35,14 +35,14 @@ def footsteps_of(state: RobotState) -> jax.Array:
 def terms():
     """Terms (4,) of moved first footsteps and COM, compiled once, in double precision."""
     with jax.enable_x64(True):
-        low_level = load_low_level()
+        controlled = load_controlled_robot()
 
     @jax.jit
     def terms(move: jax.Array, com: jax.Array) -> jax.Array:
         state = walking_state()
         footsteps = footsteps_of(state).at[:2].add(move)
         state = state._replace(com_from_stance=state.com_from_stance + com)
-        return jnp.stack(low_level_losses(low_level, footsteps, state, WIDTH))
+        return jnp.stack(whole_body_losses(controlled, footsteps, state, WIDTH))
 
     return terms
 
@@ -66,7 +66,7 @@ def test_footsteps_out_of_reach_cost_more_until_they_count_for_nothing(terms, x6
 def test_a_steady_walk_repeats_itself_mirrored(x64):
     """Both steps of an orbit are one step and its mirror image, and each swing begins where the foot last stood."""
     state = walking_state()
-    instants = instants_of(load_low_level(), footsteps_of(state), state, WIDTH)
+    instants = swing_instants(load_controlled_robot(), footsteps_of(state), state, WIDTH)
     first, second = (jax.tree.map(lambda part, k=k: np.asarray(part)[k : k + 2], instants) for k in (0, 2))
     assert first.left.all() and not second.left.any()
     stride = SPEED * TIME
@@ -76,7 +76,7 @@ def test_a_steady_walk_repeats_itself_mirrored(x64):
         np.testing.assert_allclose(getattr(second, name), getattr(first, name) * [1, -1], atol=1e-12)
 
 
-def test_training_reports_the_terms_only_where_they_are_asked_for(small_config, small_data):
+def test_training_reports_the_terms_only_where_they_weigh(small_config, small_data):
     weights = LossWeights(torque_margin=10.0, shortfall=3.0, placement=5.0)
     optimiser = make_optimiser(small_config, 4)
     losses = {}
@@ -85,5 +85,5 @@ def test_training_reports_the_terms_only_where_they_are_asked_for(small_config, 
         _, report = step(initial_state(config, optimiser), small_data, jnp.arange(4))
         assert bool(report.finite)
         losses[name] = report.losses
-    assert {"torque_margin", "shortfall", "placement", "asked"} == set(losses["with"]) - set(losses["without"])
-    assert 0.5 < float(losses["with"]["asked"]) <= 1
+    assert {"torque_margin", "shortfall", "placement", "solved"} == set(losses["with"]) - set(losses["without"])
+    assert 0.5 < float(losses["with"]["solved"]) <= 1
