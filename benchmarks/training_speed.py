@@ -28,7 +28,7 @@ from iwalker_jax.geometry.splines import resample_by_arc_length  # noqa: E402
 from iwalker_jax.optimization.steps.mpc import solve_step_mpc  # noqa: E402
 from iwalker_jax.optimization.unicycle.model import initial_state_from_reference  # noqa: E402
 from iwalker_jax.optimization.unicycle.mpc import solve_unicycle  # noqa: E402
-from iwalker_jax.planning.robot_state import pre_impact_planes  # noqa: E402
+from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 from iwalker_jax.training.batches import TrainingBatch, frame_order, gather_batch  # noqa: E402
 from iwalker_jax.training.config import TrainConfig, paper_preset  # noqa: E402
@@ -98,12 +98,12 @@ def lower_levels(config: TrainConfig, batch: TrainingBatch, plan: Any) -> dict[s
     """Each MPC with the gradient of its tracking loss, on a plan of the untrained network."""
     models = config.models
 
-    def path_tracking(path):
+    def path_tracking(path: jax.Array) -> jax.Array:
         reference = resample_by_arc_length(path, path.shape[0])
         start = initial_state_from_reference(reference)
         return jnp.sum((path - solve_unicycle(reference, start, models.unicycle, config.gradient).value.path) ** 2)
 
-    def step_tracking(footsteps, state):
+    def step_tracking(footsteps: jax.Array, state: RobotState) -> jax.Array:
         planes = pre_impact_planes(state, models.hlip)
         best = solve_step_mpc(footsteps, planes, models.hlip, models.step_weights, config.gradient)
         return jnp.sum((footsteps - best.value.footsteps) ** 2)
@@ -154,8 +154,10 @@ def measure(name: str, config: TrainConfig, data: TrainingData, repeats: int) ->
 
 def measure_maps(config: TrainConfig, frames: FrameSet, repeats: int) -> None:
     """Print what making the maps of a frame costs, once before training."""
-    camera, rules, size = config.planner.ipath.camera, config.models.traversal, 16
-    many = jax.jit(jax.vmap(lambda depth, mount, goals: frame_maps(depth * DEPTH_UNIT, mount, goals, camera, rules)))
+    camera, traversal, size = config.planner.ipath.camera, config.models.traversal, 16
+    many = jax.jit(
+        jax.vmap(lambda depth, mount, goals: frame_maps(depth * DEPTH_UNIT, mount, goals, camera, traversal))
+    )
     depth = jnp.asarray(frames.depth[:size], jnp.float32)
     mounts, goals = jnp.asarray(frames.mounts[:size]), jnp.asarray(frames.goals[:size])
     times = timed(many, depth, mounts, goals, repeats=repeats)

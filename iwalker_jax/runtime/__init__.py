@@ -1,1 +1,69 @@
-"""The process and its machine: settings, devices, groups of processes and files; imports no JAX by itself."""
+"""The process and its machine: settings, devices, groups of processes, and files that are whole or not there.
+
+Only the settings are imported at once, because they must be chosen before NumPy and JAX are imported; everything else
+comes when it is first asked for.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from iwalker_jax.runtime.settings import configure_runtime, default_cache_folder, requested_devices
+
+if TYPE_CHECKING:
+    from iwalker_jax.runtime.devices import ShardedProgram, chosen_devices, machine
+    from iwalker_jax.runtime.files import atomic_write, write_csv, write_json, write_npz, write_text
+    from iwalker_jax.runtime.processes import (
+        ProcessGroup,
+        barrier,
+        broadcast,
+        device_put,
+        exit_process,
+        is_first,
+        join_group,
+    )
+
+__all__ = [
+    "ProcessGroup",
+    "ShardedProgram",
+    "atomic_write",
+    "barrier",
+    "broadcast",
+    "chosen_devices",
+    "configure_runtime",
+    "default_cache_folder",
+    "device_put",
+    "exit_process",
+    "is_first",
+    "join_group",
+    "machine",
+    "requested_devices",
+    "write_csv",
+    "write_json",
+    "write_npz",
+    "write_text",
+]
+
+_MODULES = {
+    "devices": ("ShardedProgram", "chosen_devices", "machine"),
+    "files": ("atomic_write", "write_csv", "write_json", "write_npz", "write_text"),
+    "processes": (
+        "ProcessGroup",
+        "barrier",
+        "broadcast",
+        "device_put",
+        "exit_process",
+        "is_first",
+        "join_group",
+    ),
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -103,7 +103,9 @@ class CheckpointStore:
             raise CheckpointError(f"Checkpoint {step} in {self.folder} holds values that are not finite; {advice}.")
         return jax.tree.unflatten(jax.tree.structure(template), leaves), config, frames
 
-    def restore_latest(self, on_damage=lambda sentence: None) -> tuple[TrainState, TrainConfig, int] | None:
+    def restore_latest(
+        self, on_damage: Callable[[str], None] = lambda sentence: None
+    ) -> tuple[TrainState, TrainConfig, int] | None:
         """The newest readable checkpoint, or None if there is none at all; `on_damage` hears of each unreadable one.
 
         Raises:

@@ -1,5 +1,6 @@
 """Maps that the losses sample, made once for each frame from its own depth image: the training's only supervision."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -64,23 +65,27 @@ def frame_maps(
     mount: Float[Array, " 5"],
     goals: Float[Array, "g 2"],
     intrinsics: Intrinsics,
-    rules: TraversalParameters,
+    traversal: TraversalParameters,
 ) -> FrameMaps:
     """Maps of one depth image [m] and its goals [m]; `to_go` and `route` get a leading goal axis. Pure; jit it."""
     local = build_local_map(depth, mount, intrinsics)
     unknown = softened(pool_2x2(local.unknown.astype(jnp.float32)))
-    cost = traversal_cost(pool_2x2(local.esdf), unknown, rules)
+    cost = traversal_cost(pool_2x2(local.esdf), unknown, traversal)
     to_go = jax.vmap(lambda goal: cost_to_go(cost, goal, ROUTE_GRID).value.cost)(goals)
     routes = jax.vmap(lambda goal, values: best_routes(values, unknown, goal).seen)(goals, to_go)
     return FrameMaps(local.esdf, unknown, to_go, routes, local.published)
 
 
 def prepare(
-    frames: FrameSet, intrinsics: Intrinsics, rules: TraversalParameters, batch: int = 16, on_progress=lambda done: None
+    frames: FrameSet,
+    intrinsics: Intrinsics,
+    traversal: TraversalParameters,
+    batch: int = 16,
+    on_progress: Callable[[int], None] = lambda done: None,
 ) -> TrainingData:
     """Make all maps of a frame set, `batch` frames at a time; `on_progress` hears how many frames are done."""
     many = jax.jit(
-        jax.vmap(lambda depth, mount, goals: _half(frame_maps(depth * DEPTH_UNIT, mount, goals, intrinsics, rules)))
+        jax.vmap(lambda depth, mount, goals: _half(frame_maps(depth * DEPTH_UNIT, mount, goals, intrinsics, traversal)))
     )
     n = len(frames)
     parts = []

@@ -115,10 +115,14 @@ def _learner_graph(config: TrainConfig) -> nnx.GraphDef:
     return nnx.split(nnx.eval_shape(lambda: _make_learner(config)), nnx.Param)[0]
 
 
+TrainStep = Callable[[TrainState, TrainingData, Array], tuple[TrainState, StepReport]]
+"""A step: (state, data, frame indices) -> (state, report)."""
+
+
 def make_train_step(
     config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None = None
-) -> Callable[[TrainState, TrainingData, Array], tuple[TrainState, StepReport]]:
-    """The jitted step (state, data, frame indices) -> (state, report).
+) -> TrainStep:
+    """The jitted step; it donates the state that it is given.
 
     Args:
         config: of the run.
@@ -137,7 +141,9 @@ def make_train_step(
     return make(config, optimiser, mesh)
 
 
-def _gradient_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None):
+def _gradient_step(
+    config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None
+) -> TrainStep:
     graph, controlled = _learner_graph(config), _controlled_robot(config)
 
     def step(state: TrainState, data: TrainingData, index: Array) -> tuple[TrainState, StepReport]:
@@ -150,11 +156,13 @@ def _gradient_step(config: TrainConfig, optimiser: optax.GradientTransformationE
     return jax.jit(step, donate_argnums=0, **_placement(mesh))
 
 
-def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None):
+def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None) -> TrainStep:
     """Two programs, one that tries paths and one for each of the epochs: a loop within one is slower on CPUs."""
     graph, controlled = _learner_graph(config), _controlled_robot(config)
 
-    def attempt(state: TrainState, data: TrainingData, index: Array):
+    def attempt(
+        state: TrainState, data: TrainingData, index: Array
+    ) -> tuple[TrainingBatch, Experience, dict[str, Array]]:
         batch = _batch(state, data, index, config, mesh)
         # A number beyond those of the rows, which have taken theirs from the same key.
         key = jax.random.fold_in(_step_key(state), config.batch_size)
