@@ -15,7 +15,7 @@ import numpy as np  # noqa: E402
 from benchmarks.timing import timed  # noqa: E402
 from iwalker_jax.perception.camera import CameraMount, Intrinsics  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402
-from iwalker_jax.scenes.built.families import generate_scene  # noqa: E402
+from iwalker_jax.scenes.built.training_scenes import generate_scene  # noqa: E402
 from iwalker_jax.scenes.mjcf import load_scene, ray_depth  # noqa: E402
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose  # noqa: E402
 from iwalker_jax.scenes.scene import stack_scenes  # noqa: E402

@@ -29,7 +29,7 @@ from iwalker_jax.perception.floor import fit_floor  # noqa: E402
 from iwalker_jax.perception.grid import DEFAULT_GRID  # noqa: E402
 from iwalker_jax.perception.local_map import build_local_map, free_and_occupied  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402
-from iwalker_jax.scenes.built.families import FAMILIES, generate_scene  # noqa: E402
+from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene  # noqa: E402
 from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise  # noqa: E402
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose  # noqa: E402
 from iwalker_jax.scenes.scene import SceneArrays, obstacle_distance  # noqa: E402

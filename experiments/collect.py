@@ -27,6 +27,7 @@ from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.navigation.record import Outcome
 from iwalker_jax.runtime.files import write_json
+from iwalker_jax.streams import COLLECTION_TASKS
 from iwalker_jax.tasks.generated import training_task
 
 
@@ -90,7 +91,7 @@ def collect(command: Command) -> None:
         for first in range(0, command.tasks, program.width):
             file, numbers = folder / f"{first}.npz", range(first, min(first + program.width, command.tasks))
             if not file.exists():
-                tasks = [training_task(1_000_000 * (command.seed + 1) + k) for k in numbers]
+                tasks = [training_task(COLLECTION_TASKS.number(command.seed, k)) for k in numbers]
                 tasks = [dataclasses.replace(task, time_limit=command.seconds) for task in tasks]
                 seed = command.seed + first
                 record = program.run(tasks, seed=seed)

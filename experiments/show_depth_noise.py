@@ -132,7 +132,7 @@ def _simulated_views(config: Config) -> tuple[np.ndarray, np.ndarray]:
     import jax.numpy as jnp
 
     from iwalker_jax.perception.camera import CameraMount, Intrinsics
-    from iwalker_jax.scenes.built.families import generate_scene
+    from iwalker_jax.scenes.built.training_scenes import generate_scene
     from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
     from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
     from iwalker_jax.scenes.scene import obstacle_distance

@@ -8,8 +8,9 @@ from iwalker_jax.data.camera_path import CameraPathSampling, record_camera_path
 from iwalker_jax.data.frames import FrameSet
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.scenes.built.families import FAMILIES, generate_scene
+from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene
 from iwalker_jax.scenes.depth_noise import DepthNoise
+from iwalker_jax.streams import TRAINING_LAYOUTS, mixed_seed
 
 
 def generate_training_frames(
@@ -44,9 +45,9 @@ def generate_training_frames(
         quota = count // len(families) + (number < count % len(families))
         layout = 0
         while quota > 0:
-            scene_seed = seed * 100_000 + layout
+            scene_seed = TRAINING_LAYOUTS.number(seed, layout)
             walk = record_camera_path(
-                generate_scene(family, scene_seed), seed=hash_seed(seed, number, layout), sampling=sampling,
+                generate_scene(family, scene_seed), seed=mixed_seed(seed, number, layout), sampling=sampling,
                 intrinsics=intrinsics, noise=noise,
             )  # fmt: skip
             layout += 1
@@ -59,11 +60,6 @@ def generate_training_frames(
             done += len(kept)
             on_progress(done)
     return concatenate_walks(parts, names)
-
-
-def hash_seed(*numbers: int) -> int:
-    """A 31-bit seed from several numbers, different for every combination."""
-    return int(np.random.SeedSequence(list(numbers)).generate_state(1)[0] >> 1)
 
 
 def concatenate_walks(parts: Sequence[FrameSet], names: Sequence[str]) -> FrameSet:

@@ -9,9 +9,10 @@ from jaxtyping import Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
-from iwalker_jax.scenes.built.families import FAMILIES, generate_scene
-from iwalker_jax.scenes.built.held_out import held_out_scene
+from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
+from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene
 from iwalker_jax.scenes.scene import Scene, SceneArrays
+from iwalker_jax.streams import HELD_OUT_TASKS, TRAINING_TASKS, Stream
 from iwalker_jax.tasks.named import GOAL_CLEARANCE, START_CLEARANCE
 from iwalker_jax.tasks.routes import (
     clearances,
@@ -48,7 +49,6 @@ class TaskSampling:
             )
 
 
-_HELD_OUT_KEY, _TRAINING_KEY = 16_180, 33_988
 _SCENES, _PAIRS, _ROUTES = 20, 400, 4
 
 
@@ -58,7 +58,7 @@ def generated_task(seed: int, rules: TaskSampling = TaskSampling()) -> Task:
     Raises:
         InputError: for a negative seed.
     """
-    return _draw(f"unseen-{seed}", _HELD_OUT_KEY, seed, rules, lambda rng: held_out_scene(int(rng.integers(2**31))))
+    return _draw(f"unseen-{seed}", HELD_OUT_TASKS, seed, rules, lambda rng: held_out_scene(int(rng.integers(2**31))))
 
 
 def training_task(seed: int, rules: TaskSampling = TaskSampling()) -> Task:
@@ -71,7 +71,7 @@ def training_task(seed: int, rules: TaskSampling = TaskSampling()) -> Task:
     def scene(rng: np.random.Generator) -> Scene:
         return generate_scene(FAMILIES[rng.integers(len(FAMILIES))], int(rng.integers(2**31)))
 
-    return _draw(f"training-{seed}", _TRAINING_KEY, seed, rules, scene)
+    return _draw(f"training-{seed}", TRAINING_TASKS, seed, rules, scene)
 
 
 def generated_tasks(count: int, seed: int = 0, rules: TaskSampling = TaskSampling()) -> list[Task]:
@@ -86,13 +86,13 @@ def generated_tasks(count: int, seed: int = 0, rules: TaskSampling = TaskSamplin
 
 
 def _draw(
-    name: str, key: int, seed: int, rules: TaskSampling, scene_of: Callable[[np.random.Generator], Scene]
+    name: str, stream: Stream, seed: int, rules: TaskSampling, scene_of: Callable[[np.random.Generator], Scene]
 ) -> Task:
     """A task from successive sub-seeds; scenes in which nothing stands between free places are passed over."""
     if seed < 0:
         raise InputError(f"A task's seed must not be negative, got {seed}.")
     for attempt in range(_SCENES):
-        rng = np.random.default_rng([key, seed, attempt])
+        rng = stream.generator(seed, attempt)
         scene = scene_of(rng)
         arrays = single_precision(scene)
         for start, goal in _blocked_pairs(arrays, rng, rules):

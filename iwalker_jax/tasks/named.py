@@ -5,9 +5,10 @@ import math
 import numpy as np
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.scenes.built.demonstrations import DEMONSTRATION_NAMES, demonstration_scene
-from iwalker_jax.scenes.built.sequences import SEQUENCE_NAMES, held_out_sequence
+from iwalker_jax.scenes.built.demonstration_scenes import DEMONSTRATION_NAMES, demonstration_scene
+from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, held_out_sequence
 from iwalker_jax.scenes.scene import Scene
+from iwalker_jax.streams import NAMED_TASKS
 from iwalker_jax.tasks.routes import clearances, leg_lengths, single_precision, time_limit
 from iwalker_jax.tasks.task import Task
 
@@ -16,7 +17,6 @@ TASK_NAMES: tuple[str, ...] = (*DEMONSTRATION_NAMES, *(f"test_{name}" for name i
 START_CLEARANCE, GOAL_CLEARANCE = 0.35, 0.30
 """[m] in plan view between obstacles and the base at the start and at goals: room to start and to stand."""
 
-_KEY = 27_182
 _ATTEMPTS = 20
 
 
@@ -89,4 +89,4 @@ def tour_length(scene: Scene, start: tuple[float, float, float], goals: np.ndarr
 def _generators(name: str, seed: int) -> list[np.random.Generator]:
     if seed < 0:
         raise InputError(f"A task's seed must not be negative, got {seed}.")
-    return [np.random.default_rng([_KEY, *name.encode(), seed, attempt]) for attempt in range(_ATTEMPTS)]
+    return [NAMED_TASKS.generator(*name.encode(), seed, attempt) for attempt in range(_ATTEMPTS)]

@@ -10,10 +10,10 @@ import pytest
 from scipy import ndimage
 
 from iwalker_jax.data.camera_path import CameraPathSampling, record_camera_path
-from iwalker_jax.data.generated import generate_training_frames, hash_seed
+from iwalker_jax.data.generated import generate_training_frames
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.scenes.built.families import generate_scene
+from iwalker_jax.scenes.built.training_scenes import generate_scene
 from iwalker_jax.scenes.routes import RouteParameters
 from iwalker_jax.scenes.scene import Scene
 
@@ -197,12 +197,6 @@ def test_a_scene_without_room_to_walk_gives_nothing():
     slab = np.array([[2.0, 2.0, 0.5, 2.0, 2.0, 0.5, 0.0]])
     scene = Scene("full", "test", slab, np.empty((0, 5)), (0.0, 0.0, 4.0, 4.0))
     assert record_camera_path(scene, 0, SAMPLING, TINY, None) is None
-
-
-def test_seeds_differ_for_every_combination():
-    seeds = {hash_seed(a, b, c) for a in range(12) for b in range(12) for c in range(12)}
-    assert len(seeds) == 12**3
-    assert all(0 <= seed < 2**31 for seed in seeds)
 
 
 def test_impossible_requests_are_refused():

@@ -12,7 +12,7 @@ from bruce_model import mjcf_text
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.body_volume import TOLERANCE, body_clearance, body_clearance_at, load_body_volume
 from iwalker_jax.robot.model import load_robot
-from iwalker_jax.scenes.built.sequences import sequence_scene
+from iwalker_jax.scenes.built.held_out_sequences import held_out_sequence
 from iwalker_jax.scenes.mjcf import scene_to_mjcf
 from iwalker_jax.scenes.scene import Scene
 from tests.gradients import assert_gradients_agree
@@ -60,7 +60,7 @@ def geom_distance(oracle, data, geom, solid):
 @pytest.mark.parametrize("name", ["office", "stair"])
 def test_distances_are_those_of_c_mujoco(clearance, bruce_mujoco, name):
     """Oracle: `mj_geomDistance` of the volume's geoms against every obstacle, in postures outside and just inside."""
-    scene = sequence_scene(name)
+    scene = held_out_sequence(name).scene
     oracle = with_scene(scene)
     data = mujoco.MjData(oracle)
     body = [g for g in range(oracle.ngeom) if oracle.geom_group[g] in (2, 3)]
@@ -157,7 +157,7 @@ def test_an_empty_scene_is_far_and_has_finite_gradients(bruce_mujoco, bruce_volu
 
 def test_a_batch_equals_its_members(clearance, bruce_mujoco):
     """Property: vmap changes nothing."""
-    scene = sequence_scene("corner").arrays()
+    scene = held_out_sequence("corner").scene.arrays()
     qpos = jnp.asarray(poses(bruce_mujoco, 3, seed=2), jnp.float32)
     together = jax.jit(jax.vmap(clearance, in_axes=(None, 0)))(scene, qpos)
     np.testing.assert_allclose(together, [clearance(scene, one) for one in qpos], atol=1e-6)

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.scenes.built.families import generate_scene
+from iwalker_jax.scenes.built.training_scenes import generate_scene
 from iwalker_jax.scenes.mjcf import load_scene, mujoco_depth, scene_to_mjcf
 from iwalker_jax.scenes.scene import Scene
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject
-from iwalker_jax.scenes.built.families import generate_scene
-from iwalker_jax.scenes.built.held_out import held_out_scene
+from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
+from iwalker_jax.scenes.built.training_scenes import generate_scene
 from iwalker_jax.scenes.mjcf import load_scene, ray_depth
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
 from iwalker_jax.scenes.scene import Scene, obstacle_distance, stack_scenes

@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.scenes.built.families import FAMILIES
+from iwalker_jax.scenes.built.training_scenes import FAMILIES
 from iwalker_jax.tasks.generated import TaskSampling, generated_task, generated_tasks, training_task
 from tests.tasks.free_space import CELL, cell_of, clearance_map, connected
 

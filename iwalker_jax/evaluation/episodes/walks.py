@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-import numpy as np
-
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.log import EpisodeKey
 from iwalker_jax.navigation.navigators import POLICIES
+from iwalker_jax.streams import STUDY_TASKS, mixed_seed
 from iwalker_jax.tasks.generated import generated_tasks
 from iwalker_jax.tasks.named import TASK_NAMES, named_task
 from iwalker_jax.tasks.task import Task
@@ -21,9 +20,6 @@ WALKS: tuple[str, ...] = (GENERATED, *TASK_NAMES)
 
 OF = "@"
 """In a policy's name, before the name of the networks that it asks instead of the study's own."""
-
-SEEDS_APART = 10_000
-"""Between the seeds of the tasks of two studies; no set has more tasks."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +59,10 @@ class StudySettings:
         for name, low in (("count", 1), ("seeds", 1), ("width", 1), ("seed", 0)):
             if getattr(self, name) < low:
                 raise InputError(f"The study's {name} is {getattr(self, name)}; give at least {low}.")
-        if max(self.count, self.seeds) > SEEDS_APART:
-            raise InputError(f"A set of more than {SEEDS_APART} walks was asked for; give smaller count and seeds.")
+        if max(self.count, self.seeds) > STUDY_TASKS.size:
+            raise InputError(
+                f"A set of more than {STUDY_TASKS.size} walks was asked for; give smaller count and seeds."
+            )
 
     def stem(self, policy: str, what: str | int) -> str:
         """A file name without its ending, of something of a policy; tells studies in one folder apart."""
@@ -107,9 +105,9 @@ def walks_of(settings: StudySettings) -> list[Walk]:
     for name in settings.walks:
         if name == GENERATED:
             # Studies with other seeds walk elsewhere.
-            tasks = generated_tasks(settings.count, settings.seed * SEEDS_APART)
+            tasks = generated_tasks(settings.count, STUDY_TASKS.number(settings.seed))
         else:
-            tasks = [named_task(name, settings.seed * SEEDS_APART + k) for k in range(settings.seeds)]
+            tasks = [named_task(name, STUDY_TASKS.number(settings.seed, k)) for k in range(settings.seeds)]
         walks += [Walk(name, number, task) for number, task in enumerate(tasks)]
     return walks
 
@@ -127,8 +125,7 @@ def batches_of(settings: StudySettings, walks: Sequence[Walk]) -> list[Batch]:
 
 def conditions_seed(seed: int, walks: str, first: int) -> int:
     """Seed of robots and noise of the batch that begins with a number of a set, in the study of a seed."""
-    mixed = np.random.SeedSequence([seed, *walks.encode(), first]).generate_state(1)[0]
-    return int(mixed) >> 1  # 31 bits, which every integer type holds
+    return mixed_seed(seed, *walks.encode(), first)
 
 
 def key_of(settings: StudySettings, policy: str, walk: Walk) -> EpisodeKey:

@@ -7,7 +7,7 @@ import numpy as np
 
 from iwalker_jax.evaluation.tables import COLUMNS, Table, aligned_text, markdown_table, spread
 from iwalker_jax.runtime.files import write_csv, write_text
-from iwalker_jax.scenes.built.sequences import SEQUENCE_NAMES
+from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES
 
 _DECIMALS = 3
 

@@ -28,10 +28,11 @@ from iwalker_jax.perception.local_map import LocalMap, build_local_map
 from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.planning.robot_state import sample_robot_state
-from iwalker_jax.scenes.built.held_out import held_out_scene
-from iwalker_jax.scenes.built.sequences import SEQUENCE_NAMES, held_out_sequence
+from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
+from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, held_out_sequence
 from iwalker_jax.scenes.routes import shortest_distance
 from iwalker_jax.scenes.scene import Scene
+from iwalker_jax.streams import SEQUENCE_PATHS, UNSEEN_LAYOUTS, UNSEEN_PATHS
 
 _BATCH = 16
 
@@ -83,7 +84,7 @@ def record_held_out_sequence(name: str, frames: int = 60, seed: int = 0) -> Sequ
     sequence = held_out_sequence(name)
     sampling = CameraPathSampling(frames_per_walk=frames)
     walk = record_camera_path(
-        sequence.scene, seed=1_000_003 + seed, sampling=sampling, route=np.asarray(sequence.route)
+        sequence.scene, seed=SEQUENCE_PATHS.number(seed), sampling=sampling, route=np.asarray(sequence.route)
     )
     if walk is None:
         raise InputError(f"The route of test scene {name!r} does not fit the robot.")
@@ -99,8 +100,8 @@ def record_unseen_scenes(
     sampling = CameraPathSampling(frames_per_walk=frames_per_scene)
     number = 0
     while len(parts) < scenes:
-        scene = held_out_scene(seed * 10_000 + number)
-        walk = record_camera_path(scene, seed=2_000_003 + seed * 10_000 + number, sampling=sampling)
+        scene = held_out_scene(UNSEEN_LAYOUTS.number(seed, number))
+        walk = record_camera_path(scene, seed=UNSEEN_PATHS.number(seed, number), sampling=sampling)
         number += 1
         if walk is not None:
             parts.append(walk)

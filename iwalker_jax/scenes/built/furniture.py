@@ -2,7 +2,7 @@
 
 import math
 
-from iwalker_jax.scenes.built.layout import Furniture, Layout, Place
+from iwalker_jax.scenes.built.layout import Furniture, Layout, Pose2D
 
 _SHEET = 0.025
 """[m] thickness of table tops, boards and panels."""
@@ -13,7 +13,7 @@ def table(layout: Layout, length: float, width: float) -> Furniture:
     height = layout.draw("table_height")
     leg = layout.uniform(0.02, 0.035)
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         out.box(at, length, width, height - _SHEET, height)
         for sx in (-1, 1):
             for sy in (-1, 1):
@@ -30,7 +30,7 @@ def desk(layout: Layout, width: float) -> Furniture:
     has_screen = layout.uniform(0, 1) < 0.75
     has_drawers = layout.uniform(0, 1) < 0.5
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         out.box(at, depth, width, height - _SHEET, height)
         for side in (-1, 1):
             out.box(at.moved(0.0, side * (width / 2 - 0.03)), depth - 0.05, 0.04, 0.0, height - _SHEET)
@@ -49,7 +49,7 @@ def chair(layout: Layout) -> Furniture:
     back = layout.uniform(0.8, 0.95)
     leg = layout.uniform(0.03, 0.045)
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         out.box(at, side, side, seat - 0.04, seat)
         out.box(at.moved(-side / 2 + 0.02, 0.0), 0.035, side, seat + 0.1, back)
         for sx in (-1, 1):
@@ -66,7 +66,7 @@ def office_chair(layout: Layout) -> Furniture:
     side = layout.uniform(0.44, 0.52)
     foot_turn = layout.uniform(0, math.pi / 2)
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         for turn in (foot_turn, foot_turn + math.pi / 2):
             out.box(at.moved(0.0, 0.0, turn), 0.58, 0.05, 0.03, 0.1)
         out.cylinder(at, 0.03, 0.05, seat - 0.08)
@@ -88,7 +88,7 @@ def shelf(layout: Layout, width: float, depth: float | None = None) -> Furniture
     ]
     filled = [layout.uniform(0, 1) < 0.6 for _ in range(boards)]
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         for side in (-1, 1):
             out.box(at.moved(0.0, side * (width - 0.03) / 2), deep, 0.03, 0.0, height)
         out.box(at.moved(-deep / 2 + 0.01, 0.0), 0.02, width - 0.06, 0.06, height)
@@ -108,7 +108,7 @@ def rack(layout: Layout, length: float, depth: float) -> Furniture:
     decks = int(layout.rng.integers(2, 4))
     loads = [[layout.uniform(0.25, 0.95) for _ in range(2)] for _ in range(decks)]
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         for sx in (-1, 1):
             for sy in (-1, 1):
                 out.box(at.moved(sx * (depth / 2 - 0.04), sy * (length / 2 - 0.04)), 0.08, 0.08, 0.0, height)
@@ -127,7 +127,7 @@ def rack(layout: Layout, length: float, depth: float) -> Furniture:
 def cabinet(layout: Layout, width: float, depth: float, height: float) -> Furniture:
     """A closed box on the floor: cupboard, counter, machine or appliance."""
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         out.box(at, depth, width, 0.0, height)
 
     return Furniture(depth, width, build)
@@ -139,7 +139,7 @@ def sofa(layout: Layout, width: float) -> Furniture:
     seat = layout.draw("seat_height")
     back = layout.uniform(0.32, 0.45)
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         out.box(at, depth, width, 0.04, seat)
         out.box(at.moved(-depth / 2 + 0.1, 0.0), 0.2, width, seat, seat + back)
         for side in (-1, 1):
@@ -153,7 +153,7 @@ def barrel(layout: Layout) -> Furniture:
     radius = layout.draw("barrel_radius")
     height = layout.uniform(0.6, 0.95)
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         out.cylinder(at, radius, 0.0, height)
 
     return Furniture(2 * radius, 2 * radius, build)
@@ -164,7 +164,7 @@ def pillar(layout: Layout) -> Furniture:
     radius = layout.draw("pillar_radius")
     is_round = layout.uniform(0, 1) < 0.6
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         if is_round:
             out.cylinder(at, radius, 0.0, out.ceiling)
         else:
@@ -178,7 +178,7 @@ def person(layout: Layout) -> Furniture:
     radius = layout.draw("post_radius")
     height = layout.uniform(1.55, 1.9)
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         for side in (-1, 1):
             out.cylinder(at.moved(0.0, side * 0.55 * radius), 0.45 * radius, 0.0, 0.48 * height)
         out.cylinder(at, radius, 0.48 * height, 0.84 * height)
@@ -187,14 +187,14 @@ def person(layout: Layout) -> Furniture:
     return Furniture(2 * radius, 2 * radius, build)
 
 
-def bin_(layout: Layout) -> Furniture:
+def waste_bin(layout: Layout) -> Furniture:
     """A waste bin, plant pot or stool: a low cylinder, sometimes with a plant's crown above."""
     radius = layout.uniform(0.13, 0.2)
     height = layout.uniform(0.3, 0.6)
     has_plant = layout.uniform(0, 1) < 0.4
     crown = layout.uniform(0.18, 0.3)
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         out.cylinder(at, radius, 0.0, height)
         if has_plant:
             out.cylinder(at, crown, height + 0.1, height + 0.7)
@@ -210,7 +210,7 @@ def clutter(layout: Layout) -> Furniture:
     upper = layout.uniform(0.15, 0.4) if layout.uniform(0, 1) < 0.35 else 0.0
     turn = layout.uniform(-0.5, 0.5)
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         out.box(at, length, width, 0.0, height)
         if upper:
             side = 0.7 * min(length, width)
@@ -226,7 +226,7 @@ def staircase(layout: Layout, width: float, steps: int) -> Furniture:
     rail_side = 1 if layout.uniform(0, 1) < 0.5 else -1
     has_rail = layout.uniform(0, 1) < 0.7
 
-    def build(out: Layout, at: Place) -> None:
+    def build(out: Layout, at: Pose2D) -> None:
         for i in range(steps):
             step = at.moved(-length / 2 + (i + 0.5) * tread, 0.0)
             out.box(step, tread, width, 0.0, (i + 1) * rise)

@@ -1,8 +1,8 @@
 """Builder of scenes on the host: collects boxes and cylinders and keeps furniture from overlapping."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -38,23 +38,39 @@ class Style:
 
 TRAINING_STYLE = Style()
 
+HELD_OUT_STYLE = Style(
+    wall_thickness=(0.18, 0.26),
+    ceiling=(3.2, 3.8),
+    door_width=(0.85, 1.1),
+    door_height=(2.12, 2.3),
+    table_height=(0.71, 0.76),
+    seat_height=(0.42, 0.5),
+    shelf_height=(1.0, 2.0),
+    barrel_radius=(0.2, 0.36),
+    pillar_radius=(0.16, 0.34),
+    post_radius=(0.15, 0.24),
+    clutter_size=(0.25, 0.75),
+    open_doors=0.3,
+)
+"""Ceiling and wall thickness lie outside every range of training, so no layout can appear in both."""
+
 
 @dataclass(frozen=True)
-class Place:
-    """A pose in plan view: x, y [m] and yaw [rad]; furniture faces its local +x."""
+class Pose2D:
+    """A pose in plan view: x, y [m] and yaw [rad]; furniture faces its local +x, and its back is at -x."""
 
     x: float
     y: float
     yaw: float = 0.0
 
     def point(self, forward: float, left: float) -> tuple[float, float]:
-        """World (x, y) [m] of a point given in this place's own axes."""
+        """World (x, y) [m] of a point given in this pose's own axes."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return self.x + cos * forward - sin * left, self.y + sin * forward + cos * left
 
-    def moved(self, forward: float, left: float, turn: float = 0.0) -> "Place":
-        """This place shifted [m] along its own axes, then turned [rad]."""
-        return Place(*self.point(forward, left), self.yaw + turn)
+    def moved(self, forward: float, left: float, turn: float = 0.0) -> "Pose2D":
+        """This pose shifted [m] along its own axes, then turned [rad]."""
+        return Pose2D(*self.point(forward, left), self.yaw + turn)
 
 
 @dataclass(frozen=True)
@@ -63,7 +79,7 @@ class Furniture:
 
     length: float
     width: float
-    build: Callable[["Layout", Place], None]
+    build: Callable[["Layout", Pose2D], None]
 
 
 @dataclass
@@ -85,7 +101,7 @@ class Layout:
     wall_thickness: float = field(init=False)
     boxes: list[tuple[float, ...]] = field(default_factory=list)
     cylinders: list[tuple[float, ...]] = field(default_factory=list)
-    reserved: list[tuple[Place, float, float]] = field(default_factory=list)
+    reserved: list[tuple[Pose2D, float, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.ceiling = self.draw("ceiling")
@@ -99,39 +115,44 @@ class Layout:
         """A uniform random number."""
         return float(self.rng.uniform(low, high))
 
-    def box(self, place: Place, length: float, width: float, z_low: float, z_high: float) -> None:
-        """Add a box centred at a place: full sizes along the place's x and y, and its lower and upper height [m]."""
+    def box(self, pose: Pose2D, length: float, width: float, z_low: float, z_high: float) -> None:
+        """Add a box centred at a pose: full sizes along the pose's x and y, and its lower and upper height [m]."""
         self.boxes.append(
             (
-                place.x,
-                place.y,
+                pose.x,
+                pose.y,
                 (z_low + z_high) / 2,
                 length / 2,
                 width / 2,
                 (z_high - z_low) / 2,
-                math.remainder(place.yaw, 2 * math.pi),
+                math.remainder(pose.yaw, 2 * math.pi),
             )
         )
 
-    def cylinder(self, place: Place, radius: float, z_low: float, z_high: float) -> None:
+    def cylinder(self, pose: Pose2D, radius: float, z_low: float, z_high: float) -> None:
         """Add an upright cylinder."""
-        self.cylinders.append((place.x, place.y, (z_low + z_high) / 2, radius, (z_high - z_low) / 2))
+        self.cylinders.append((pose.x, pose.y, (z_low + z_high) / 2, radius, (z_high - z_low) / 2))
 
-    def reserve(self, place: Place, length: float, width: float) -> None:
+    def reserve(self, pose: Pose2D, length: float, width: float) -> None:
         """Keep later furniture out of an oriented rectangle."""
-        self.reserved.append((place, length, width))
+        self.reserved.append((pose, length, width))
 
-    def is_free(self, place: Place, length: float, width: float, gap: float) -> bool:
+    def is_free(self, pose: Pose2D, length: float, width: float, gap: float) -> bool:
         """Whether an oriented rectangle, widened by `gap` [m] all round, misses everything reserved."""
-        return not any(_overlap((place, length + 2 * gap, width + 2 * gap), other) for other in self.reserved)
+        return not any(_overlap((pose, length + 2 * gap, width + 2 * gap), other) for other in self.reserved)
 
-    def put(self, furniture: Furniture, place: Place, gap: float = 0.0) -> bool:
-        """Build furniture at a place if its footprint is free there; True if it was."""
-        if not self.is_free(place, furniture.length, furniture.width, gap):
+    def put(self, furniture: Furniture, pose: Pose2D, gap: float = 0.0) -> bool:
+        """Build furniture at a pose if its footprint is free there; True if it was."""
+        if not self.is_free(pose, furniture.length, furniture.width, gap):
             return False
-        self.reserve(place, furniture.length, furniture.width)
-        furniture.build(self, place)
+        self.reserve(pose, furniture.length, furniture.width)
+        furniture.build(self, pose)
         return True
+
+    def furnish(self, pieces: Sequence[tuple[Furniture, Pose2D]]) -> None:
+        """Build pieces where a design wants them, whether or not that is reserved."""
+        for furniture, pose in pieces:
+            furniture.build(self, pose)
 
     def wall(
         self,
@@ -151,7 +172,7 @@ class Layout:
         top = self.ceiling if height is None else height
         length = math.dist(start, end)
         yaw = math.atan2(end[1] - start[1], end[0] - start[0])
-        origin = Place(*start, yaw)
+        origin = Pose2D(*start, yaw)
         done = 0.0
         for centre, width in openings:
             self._wall_piece(origin, done, centre - width / 2, 0.0, top)
@@ -164,7 +185,7 @@ class Layout:
         self._wall_piece(origin, done, length, 0.0, top)
         self.reserve(origin.moved(length / 2, 0.0), length, self.wall_thickness)
 
-    def _open_door(self, doorway: Place, width: float, height: float) -> None:
+    def _open_door(self, doorway: Pose2D, width: float, height: float) -> None:
         # Hinged on either jamb, opening to either side by at least a right angle: the doorway keeps its width.
         jamb, swing = (1.0 if self.uniform(0, 1) < 0.5 else -1.0 for _ in range(2))
         hinge = doorway.moved(jamb * (width / 2 + 0.03), swing * self.wall_thickness / 2)
@@ -174,7 +195,7 @@ class Layout:
             self.box(leaf, width, 0.04, 0.01, height)
             self.reserve(leaf, width, 0.06)
 
-    def _wall_piece(self, origin: Place, begin: float, end: float, z_low: float, z_high: float) -> None:
+    def _wall_piece(self, origin: Pose2D, begin: float, end: float, z_low: float, z_high: float) -> None:
         if end - begin > 0.02:
             self.box(origin.moved((begin + end) / 2, 0.0), end - begin, self.wall_thickness, z_low, z_high)
 
@@ -185,7 +206,17 @@ class Layout:
         return Scene(name, family, boxes, cylinders, self.bounds, self.ceiling)
 
 
-def _overlap(first: tuple[Place, float, float], second: tuple[Place, float, float]) -> bool:
+def designed_layout(rng: np.random.Generator, bounds: tuple[float, float, float, float]) -> Layout:
+    """An empty layout [m] for a design by hand, in the held-out style and without open doors.
+
+    Args:
+        rng: of the furniture's small dimensions; seed it by a constant to make them constants of the design.
+        bounds: (x_min, y_min, x_max, y_max) [m].
+    """
+    return Layout(rng, replace(HELD_OUT_STYLE, open_doors=0.0), bounds)
+
+
+def _overlap(first: tuple[Pose2D, float, float], second: tuple[Pose2D, float, float]) -> bool:
     # Separating axes of two oriented rectangles are their four edge directions.
     dx, dy = second[0].x - first[0].x, second[0].y - first[0].y
     for yaw in (first[0].yaw, second[0].yaw):

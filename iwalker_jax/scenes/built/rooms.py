@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from iwalker_jax.scenes.built.layout import Furniture, Layout, Place
+from iwalker_jax.scenes.built.layout import Furniture, Layout, Pose2D
 
 Maker = Callable[[Layout], Furniture]
 
@@ -31,9 +31,9 @@ class Rectangle:
         return self.y_max - self.y_min
 
     @property
-    def centre(self) -> Place:
+    def centre(self) -> Pose2D:
         """The middle, facing +x."""
-        return Place((self.x_min + self.x_max) / 2, (self.y_min + self.y_max) / 2)
+        return Pose2D((self.x_min + self.x_max) / 2, (self.y_min + self.y_max) / 2)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -72,11 +72,11 @@ def enclose(layout: Layout, room: Rectangle, doors: dict[str, tuple[tuple[float,
         layout.wall(start, end, openings)
 
 
-def wall_place(room: Rectangle, side: str, along: float, offset: float) -> Place:
+def pose_at_wall(room: Rectangle, side: str, along: float, offset: float) -> Pose2D:
     """A place `along` [m] a side and `offset` [m] inside it, facing into the room."""
     start, end = room.side(side)
     yaw = math.atan2(end[1] - start[1], end[0] - start[0])
-    return Place(*start, yaw).moved(along, offset, math.pi / 2)
+    return Pose2D(*start, yaw).moved(along, offset, math.pi / 2)
 
 
 def put_against_wall(layout: Layout, room: Rectangle, furniture: Furniture, side: str, fraction: float) -> bool:
@@ -85,7 +85,7 @@ def put_against_wall(layout: Layout, room: Rectangle, furniture: Furniture, side
     if length < furniture.width + 0.1:
         return False
     along = furniture.width / 2 + 0.02 + fraction * (length - furniture.width - 0.04)
-    return layout.put(furniture, wall_place(room, side, along, furniture.length / 2 + 0.015))
+    return layout.put(furniture, pose_at_wall(room, side, along, furniture.length / 2 + 0.015))
 
 
 def line_walls(layout: Layout, room: Rectangle, makers: Sequence[Maker], count: int) -> None:
@@ -109,7 +109,7 @@ def scatter(
             if squared:
                 yaw = round(yaw / (math.pi / 2)) * math.pi / 2 + layout.uniform(-0.1, 0.1)
             x, y = layout.uniform(area.x_min, area.x_max), layout.uniform(area.y_min, area.y_max)
-            if layout.put(furniture, Place(x, y, yaw), gap):
+            if layout.put(furniture, Pose2D(x, y, yaw), gap):
                 break
 
 
@@ -126,19 +126,19 @@ def dress_walls(layout: Layout, room: Rectangle, count: int) -> None:
         along = layout.uniform(width / 2, length - width / 2)
         kind = layout.uniform(0, 1)
         if kind < 0.45:
-            place, depth, z_low, z_high = wall_place(room, side, along, 0.02), 0.04, 0.9, 1.6
+            pose, depth, z_low, z_high = pose_at_wall(room, side, along, 0.02), 0.04, 0.9, 1.6
         elif kind < 0.8:
-            place, depth, z_low, z_high = wall_place(room, side, along, 0.06), 0.1, 0.12, 0.65
+            pose, depth, z_low, z_high = pose_at_wall(room, side, along, 0.06), 0.1, 0.12, 0.65
         else:
             width = 0.35
-            place, depth, z_low, z_high = wall_place(room, side, along, 0.1), 0.2, 0.0, layout.ceiling
-        if layout.is_free(place, depth, width, 0.0):
-            layout.box(place, depth, width, z_low, z_high)
-            layout.reserve(place, depth, width)
+            pose, depth, z_low, z_high = pose_at_wall(room, side, along, 0.1), 0.2, 0.0, layout.ceiling
+        if layout.is_free(pose, depth, width, 0.0):
+            layout.box(pose, depth, width, z_low, z_high)
+            layout.reserve(pose, depth, width)
 
 
 def seat_around(
-    layout: Layout, at: Place, length: float, width: float, maker: Maker, ends: bool, share: float = 1.0
+    layout: Layout, at: Pose2D, length: float, width: float, maker: Maker, ends: bool, share: float = 1.0
 ) -> None:
     """Chairs that face a table of the given size from its two sides (and ends), partly pulled out and turned."""
     spots: list[tuple[float, float, float]] = []

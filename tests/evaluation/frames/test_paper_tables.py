@@ -16,7 +16,7 @@ from iwalker_jax.evaluation.frames.paper_tables import (
     verdict,
 )
 from iwalker_jax.evaluation.tables import COLUMNS, Table
-from iwalker_jax.scenes.built.sequences import SEQUENCE_NAMES
+from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES
 
 TITLES = [column.title for column in COLUMNS]
 SEEDS = {"iplanner": (2.0, 2.2, 2.4), "finetuned": (1.0, 1.6, 2.2), "iwalker": (0.5, 0.6, 0.7)}

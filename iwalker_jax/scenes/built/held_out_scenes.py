@@ -5,31 +5,44 @@ import math
 import numpy as np
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.scenes.built import furniture as f
-from iwalker_jax.scenes.built.families import draw_connected
-from iwalker_jax.scenes.built.layout import Layout, Place, Style
-from iwalker_jax.scenes.built.oblique import HELD_OUT_STYLE, enclose_polygon
+from iwalker_jax.scenes.built.free_space import draw_connected
+from iwalker_jax.scenes.built.furniture import (
+    barrel,
+    cabinet,
+    chair,
+    clutter,
+    desk,
+    office_chair,
+    person,
+    pillar,
+    shelf,
+    sofa,
+    staircase,
+    table,
+    waste_bin,
+)
+from iwalker_jax.scenes.built.layout import HELD_OUT_STYLE, Layout, Pose2D, Style
+from iwalker_jax.scenes.built.oblique_walls import enclose_polygon
 from iwalker_jax.scenes.built.rooms import Maker, Rectangle, scatter
 from iwalker_jax.scenes.scene import Scene
+from iwalker_jax.streams import HELD_OUT_SCENES
 
 _FAMILY = "held_out"
-# Training keys begin with the index of a family, which is far smaller.
-_KEY = 7_919
 
 _MAKERS: tuple[Maker, ...] = (
-    f.chair,
-    f.office_chair,
-    f.barrel,
-    f.pillar,
-    f.person,
-    f.bin_,
-    f.clutter,
-    lambda s: f.table(s, s.uniform(0.75, 1.1), s.uniform(1.0, 2.2)),
-    lambda s: f.desk(s, s.uniform(1.3, 1.8)),
-    lambda s: f.shelf(s, s.uniform(0.7, 1.5)),
-    lambda s: f.cabinet(s, s.uniform(0.4, 1.6), s.uniform(0.35, 0.8), s.uniform(0.5, 1.7)),
-    lambda s: f.sofa(s, s.uniform(0.9, 2.1)),
-    lambda s: f.staircase(s, s.uniform(0.8, 1.2), 3),
+    chair,
+    office_chair,
+    barrel,
+    pillar,
+    person,
+    waste_bin,
+    clutter,
+    lambda layout: table(layout, layout.uniform(0.75, 1.1), layout.uniform(1.0, 2.2)),
+    lambda layout: desk(layout, layout.uniform(1.3, 1.8)),
+    lambda layout: shelf(layout, layout.uniform(0.7, 1.5)),
+    lambda layout: cabinet(layout, layout.uniform(0.4, 1.6), layout.uniform(0.35, 0.8), layout.uniform(0.5, 1.7)),
+    lambda layout: sofa(layout, layout.uniform(0.9, 2.1)),
+    lambda layout: staircase(layout, layout.uniform(0.8, 1.2), 3),
 )
 
 
@@ -40,27 +53,21 @@ def held_out_scene(seed: int) -> Scene:
     stand at oblique angles.
 
     Args:
-        seed: any non-negative integer.
+        seed: a whole number from 0 to 2^32 - 1.
 
     Raises:
-        InputError: for a negative seed.
+        InputError: for a seed out of its range.
     """
     if seed < 0:
         raise InputError(f"A scene's seed must not be negative, got {seed}.")
-    return draw_connected(f"{_FAMILY}-{seed}", _FAMILY, _oblique_hall, HELD_OUT_STYLE, (_KEY, seed))
+    return draw_connected(f"{_FAMILY}-{seed}", _FAMILY, _oblique_hall, HELD_OUT_STYLE, HELD_OUT_SCENES, seed)
 
 
 def _oblique_hall(rng: np.random.Generator, style: Style) -> Layout:
     length, width = float(rng.uniform(7.0, 11.5)), float(rng.uniform(5.5, 9.0))
     layout = Layout(rng, style, (0.0, 0.0, length, width))
     slant, chamfer = layout.uniform(0.6, 1.6), layout.uniform(0.9, 1.8)
-    corners = [
-        (0.0, 0.0),
-        (length - slant, 0.0),
-        (length, width - chamfer),
-        (length - chamfer, width),
-        (0.0, width),
-    ]
+    corners = [(0.0, 0.0), (length - slant, 0.0), (length, width - chamfer), (length - chamfer, width), (0.0, width)]
     enclose_polygon(layout, corners, {4: ((layout.uniform(0.3, 0.7) * width, layout.draw("door_width")),)})
     _cut(layout, length, width)
     middle = length / 2
@@ -74,7 +81,7 @@ def _cut(layout: Layout, length: float, width: float) -> None:
     """A slanted partition across the hall: to the ceiling with a doorway, or chest-high and open at one end."""
     lean = layout.uniform(0.25, 0.6) * (1 if layout.uniform(0, 1) < 0.5 else -1)
     foot = layout.uniform(0.4, 0.6) * length - width / 2 * math.tan(lean)
-    start = Place(foot, 0.0, math.pi / 2 - lean)
+    start = Pose2D(foot, 0.0, math.pi / 2 - lean)
     reach = width / math.cos(lean)
     if layout.uniform(0, 1) < 0.6:
         door = layout.uniform(0.25, 0.75) * reach

@@ -5,28 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from iwalker_jax.scenes.built.layout import Layout, Place, Style
+from iwalker_jax.scenes.built.layout import Layout, Pose2D
 
 Point = tuple[float, float]
 
-HELD_OUT_STYLE = Style(
-    wall_thickness=(0.18, 0.26),
-    ceiling=(3.2, 3.8),
-    door_width=(0.85, 1.1),
-    door_height=(2.12, 2.3),
-    table_height=(0.71, 0.76),
-    seat_height=(0.42, 0.5),
-    shelf_height=(1.0, 2.0),
-    barrel_radius=(0.2, 0.36),
-    pillar_radius=(0.16, 0.34),
-    post_radius=(0.15, 0.24),
-    clutter_size=(0.25, 0.75),
-    open_doors=0.3,
-)
-"""Ceiling and wall thickness lie outside every range of training, so no layout can appear in both."""
-
-
 _BEHIND = 2.0
+"""[m] depth of the solid building part behind a slanted wall."""
 
 
 def enclose_polygon(
@@ -43,7 +27,7 @@ def enclose_polygon(
     for i, start in enumerate(corners):
         end = corners[(i + 1) % len(corners)]
         length = math.dist(start, end)
-        edge = Place(*start, math.atan2(end[1] - start[1], end[0] - start[0]))
+        edge = Pose2D(*start, math.atan2(end[1] - start[1], end[0] - start[0]))
         openings = tuple((centre + t, width) for centre, width in (doors or {}).get(i, ()))
         # A thickness beyond each end closes the corner whatever its angle.
         layout.wall(edge.point(-t, -t / 2), edge.point(length + t, -t / 2), openings)
@@ -80,7 +64,7 @@ def bent_passage(
             # Mitred joints: the inner wall of a bend is shorter, the outer one longer and closes the wedge behind it.
             begin = side * before * width / 2
             end = length - side * after * width / 2
-            wall = Place(*centreline[k], heading).moved(begin, side * width / 2)
+            wall = Pose2D(*centreline[k], heading).moved(begin, side * width / 2)
             span = end - begin
             overrun = [max(-side * bend, 0.0) * (depth + t) for bend in (before, after)]
             own = [room for room in rooms if room[:2] == (k, side)]
@@ -88,12 +72,12 @@ def bent_passage(
             start = wall.moved(-overrun[0], side * t / 2)
             layout.wall(start.point(0.0, 0.0), start.point(span + sum(overrun), 0.0), doors)
             _fill_behind(layout, wall, side, depth, -overrun[0], span + overrun[1], [(r[2], r[3]) for r in own])
-    for place in (Place(*centreline[0], headings[0] + math.pi), Place(*centreline[-1], headings[-1])):
-        layout.wall(place.point(t / 2, -width / 2 - t), place.point(t / 2, width / 2 + t))
+    for tip in (Pose2D(*centreline[0], headings[0] + math.pi), Pose2D(*centreline[-1], headings[-1])):
+        layout.wall(tip.point(t / 2, -width / 2 - t), tip.point(t / 2, width / 2 + t))
 
 
 def _fill_behind(
-    layout: Layout, wall: Place, side: int, depth: float, begin: float, end: float, hollows: list[tuple[float, float]]
+    layout: Layout, wall: Pose2D, side: int, depth: float, begin: float, end: float, hollows: list[tuple[float, float]]
 ) -> None:
     t = layout.wall_thickness
     edges = [begin, *[edge for hollow in hollows for edge in hollow], end]

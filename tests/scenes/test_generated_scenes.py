@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.body import BODY
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
-from iwalker_jax.scenes.built import sequences
-from iwalker_jax.scenes.built.families import FAMILIES, ROBOT_RADIUS, connected_free_space, generate_scene
-from iwalker_jax.scenes.built.held_out import held_out_scene
-from iwalker_jax.scenes.built.layout import TRAINING_STYLE
-from iwalker_jax.scenes.built.oblique import HELD_OUT_STYLE
+from iwalker_jax.scenes.built.free_space import connected_free_space
+from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
+from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, held_out_sequence
+from iwalker_jax.scenes.built.layout import HELD_OUT_STYLE, TRAINING_STYLE
+from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
 from iwalker_jax.scenes.scene import BOX_CAPACITY, CYLINDER_CAPACITY, Scene, obstacle_distance
 
@@ -63,7 +64,7 @@ def test_scenes_are_reproducible_distinct_and_connected(family):
     x_min, y_min, x_max, y_max = scene.bounds
     x, y = np.arange(x_min + step / 2, x_max, step), np.arange(y_min + step / 2, y_max, step)
     points = jnp.asarray(np.stack(np.meshgrid(x, y, indexing="ij"), -1), float)
-    free = np.asarray(obstacle_distance(scene.arrays(), points)) > ROBOT_RADIUS
+    free = np.asarray(obstacle_distance(scene.arrays(), points)) > BODY.layout_radius
     region = flood(free)
     area, share = connected_free_space(scene)
     assert abs(region.sum() * step**2 - area) < 0.05 * area
@@ -102,7 +103,7 @@ def test_held_out_styles_lie_outside_training():
         assert getattr(HELD_OUT_STYLE, name)[0] > getattr(TRAINING_STYLE, name)[1]
     training = [generate_scene(family, seed) for family in FAMILIES for seed in range(6)]
     held_out = [held_out_scene(seed) for seed in range(12)]
-    held_out += [sequences.sequence_scene(name) for name in sequences.SEQUENCE_NAMES]
+    held_out += [held_out_sequence(name).scene for name in SEQUENCE_NAMES]
     low, high = TRAINING_STYLE.ceiling
     assert all(low <= scene.ceiling <= high for scene in training)
     assert all(scene.ceiling > high for scene in held_out)
@@ -122,7 +123,7 @@ def test_held_out_scenes_are_reproducible_and_connected():
 @pytest.mark.parametrize("name", ["stair", "office", "corridor", "corner"])
 def test_sequences_have_walkable_routes(name):
     """Oracle: clearance sampled each 2 cm of the route; its length, its turns and its end."""
-    sequence = sequences.held_out_sequence(name)
+    sequence = held_out_sequence(name)
     steps = np.diff(sequence.route, axis=0)
     lengths = np.hypot(*steps.T)
     assert 5.0 <= lengths.sum() <= 12.5
@@ -149,4 +150,4 @@ def test_bad_requests_are_refused():
     with pytest.raises(InputError, match="negative"):
         held_out_scene(-1)
     with pytest.raises(InputError, match="Unknown test sequence"):
-        sequences.held_out_sequence("roof")
+        held_out_sequence("roof")

@@ -4,24 +4,27 @@ import math
 
 import numpy as np
 
-from iwalker_jax.scenes.built import furniture as f
-from iwalker_jax.scenes.built.layout import Layout, Place, Style
-from iwalker_jax.scenes.built.rooms import (
-    SIDES,
-    Rectangle,
-    dress_walls,
-    enclose,
-    line_walls,
-    put_against_wall,
-    scatter,
+from iwalker_jax.scenes.built.furniture import (
+    barrel,
+    cabinet,
+    chair,
+    clutter,
+    person,
+    pillar,
+    shelf,
+    staircase,
+    table,
+    waste_bin,
 )
+from iwalker_jax.scenes.built.layout import Furniture, Layout, Pose2D, Style
+from iwalker_jax.scenes.built.rooms import SIDES, Rectangle, dress_walls, enclose, line_walls, put_against_wall, scatter
 
 _ON_WALL = [
-    f.bin_,
-    f.chair,
-    f.clutter,
-    lambda s: f.cabinet(s, s.uniform(0.5, 1.0), s.uniform(0.25, 0.4), s.uniform(0.7, 1.8)),
-    lambda s: f.shelf(s, 0.8, 0.28),
+    waste_bin,
+    chair,
+    clutter,
+    lambda layout: cabinet(layout, layout.uniform(0.5, 1.0), layout.uniform(0.25, 0.4), layout.uniform(0.7, 1.8)),
+    lambda layout: shelf(layout, 0.8, 0.28),
 ]
 
 
@@ -42,9 +45,9 @@ def corridor(rng: np.random.Generator, style: Style) -> Layout:
     layout.wall((length + half, -depth), (length + half, width + depth))
     passage = Rectangle(0.0, 0.0, length, width)
     line_walls(layout, passage, _ON_WALL, int(rng.integers(4, 8)))
-    scatter(layout, passage.shrunk(0.35), [f.person, f.bin_, f.clutter], 2, gap=0.45)
+    scatter(layout, passage.shrunk(0.35), [person, waste_bin, clutter], 2, gap=0.45)
     for room in (Rectangle(0.0, -depth, length, -0.1), Rectangle(0.0, width + 0.1, length, width + depth)):
-        scatter(layout, room.shrunk(0.3), [f.chair, f.clutter, f.barrel], 3)
+        scatter(layout, room.shrunk(0.3), [chair, clutter, barrel], 3)
     dress_walls(layout, passage, 5)
     return layout
 
@@ -64,9 +67,9 @@ def l_corridor(rng: np.random.Generator, style: Style) -> Layout:
     legs = Rectangle(0.0, 0.0, first, wide), Rectangle(first - narrow, 0.0, first, second)
     for leg in legs:
         line_walls(layout, leg, _ON_WALL, int(rng.integers(2, 5)))
-        scatter(layout, leg.shrunk(0.35), [f.person, f.bin_, f.clutter], 1, gap=0.4)
+        scatter(layout, leg.shrunk(0.35), [person, waste_bin, clutter], 1, gap=0.4)
     inner = Rectangle(0.0, corner[1] + t, corner[0] - t, second)
-    scatter(layout, inner.shrunk(0.5), [f.barrel, f.chair, f.clutter, lambda s: f.table(s, 0.7, 1.2)], 6)
+    scatter(layout, inner.shrunk(0.5), [barrel, chair, clutter, lambda layout: table(layout, 0.7, 1.2)], 6)
     dress_walls(layout, legs[0], 4)
     dress_walls(layout, legs[1], 4)
     return layout
@@ -83,7 +86,7 @@ def t_corridor(rng: np.random.Generator, style: Style) -> Layout:
     layout.wall((0.0, bar_width + t), (length, bar_width + t), ((0.5 * length, layout.draw("door_width")),))
     # What lies beside the stem is another building part, solid to this scene.
     for x_min, x_max in ((0.0, left), (right, length)):
-        mass = Place((x_min + x_max) / 2, -stem / 2)
+        mass = Pose2D((x_min + x_max) / 2, -stem / 2)
         layout.box(mass, x_max - x_min, stem, 0.0, layout.ceiling)
         layout.reserve(mass, x_max - x_min, stem)
     layout.wall((left, -stem - t), (right, -stem - t))
@@ -92,7 +95,7 @@ def t_corridor(rng: np.random.Generator, style: Style) -> Layout:
     bar, foot = Rectangle(0.0, 0.0, length, bar_width), Rectangle(left, -stem, right, 0.0)
     for leg in (bar, foot):
         line_walls(layout, leg, _ON_WALL, int(rng.integers(3, 6)))
-        scatter(layout, leg.shrunk(0.35), [f.person, f.barrel, f.clutter], 2, gap=0.4)
+        scatter(layout, leg.shrunk(0.35), [person, barrel, clutter], 2, gap=0.4)
         dress_walls(layout, leg, 4)
     return layout
 
@@ -116,8 +119,13 @@ def joined_rooms(rng: np.random.Generator, style: Style) -> Layout:
         reach = size.length - x
         layout.wall((x, y), (size.x_max, y), ((layout.uniform(0.3, 0.7) * reach, layout.draw("door_width")),))
     for room in rooms:
-        line_walls(layout, room, [lambda s: f.shelf(s, 0.9), lambda s: f.cabinet(s, 1.0, 0.5, 0.9), f.bin_], 2)
-        makers = [f.chair, f.clutter, f.bin_, f.barrel, lambda s: f.table(s, 0.7, s.uniform(0.9, 1.4))]
+        line_walls(
+            layout,
+            room,
+            [lambda layout: shelf(layout, 0.9), lambda layout: cabinet(layout, 1.0, 0.5, 0.9), waste_bin],
+            2,
+        )
+        makers = [chair, clutter, waste_bin, barrel, lambda layout: table(layout, 0.7, layout.uniform(0.9, 1.4))]
         scatter(layout, room.shrunk(0.4), makers, int(rng.integers(2, 5)))
         dress_walls(layout, room, 2)
     return layout
@@ -129,20 +137,20 @@ def landing(rng: np.random.Generator, style: Style) -> Layout:
     layout = Layout(rng, style, room.bounds)
     enclose(layout, room, {"west": ((layout.uniform(0.3, 0.7), layout.draw("door_width")),)})
     for _ in range(int(rng.integers(1, 3))):
-        flight = f.staircase(layout, layout.uniform(1.0, 1.6), int(rng.integers(6, 11)))
+        flight = staircase(layout, layout.uniform(1.0, 1.6), int(rng.integers(6, 11)))
         # A flight leans its high end or its side on a wall.
         for _ in range(8):
             side = SIDES[rng.integers(4)]
             if put_against_wall(layout, room, _climbing_to_wall(flight), side, float(rng.choice([0.0, 0.5, 1.0]))):
                 break
-    scatter(layout, room.shrunk(0.6), [f.pillar, f.person, f.bin_], int(rng.integers(2, 5)), gap=0.45)
+    scatter(layout, room.shrunk(0.6), [pillar, person, waste_bin], int(rng.integers(2, 5)), gap=0.45)
     line_walls(layout, room, _ON_WALL, 3)
     dress_walls(layout, room, 4)
     return layout
 
 
-def _climbing_to_wall(flight: f.Furniture) -> f.Furniture:
-    return f.Furniture(flight.length, flight.width, lambda out, at: flight.build(out, at.moved(0.0, 0.0, math.pi)))
+def _climbing_to_wall(flight: Furniture) -> Furniture:
+    return Furniture(flight.length, flight.width, lambda out, at: flight.build(out, at.moved(0.0, 0.0, math.pi)))
 
 
 def slalom(rng: np.random.Generator, style: Style) -> Layout:
@@ -161,12 +169,12 @@ def slalom(rng: np.random.Generator, style: Style) -> Layout:
             height = layout.uniform(0.8, 2.2)
             layout.wall((x, y), (x + layout.uniform(-0.3, 0.3), y + side * reach), height=min(height, layout.ceiling))
         else:
-            makers = [f.barrel, f.person] if kind == 1 else [f.clutter, f.chair, f.pillar]
+            makers = [barrel, person] if kind == 1 else [clutter, chair, pillar]
             span = 0.25
             while span < reach - 0.2:
                 piece = makers[int(rng.integers(len(makers)))](layout)
                 y = span if side > 0 else width - span
-                layout.put(piece, Place(x + layout.uniform(-0.1, 0.1), y, layout.uniform(-0.5, 0.5)))
+                layout.put(piece, Pose2D(x + layout.uniform(-0.1, 0.1), y, layout.uniform(-0.5, 0.5)))
                 span += max(piece.width, 0.3) + layout.uniform(0.05, 0.15)
         side = -side
         x += layout.uniform(1.3, 1.9)
@@ -183,22 +191,24 @@ def narrow_gap(rng: np.random.Generator, style: Style) -> Layout:
         x = x_fraction * room.length
         gap = layout.uniform(0.6, 0.9)
         centre = layout.uniform(0.15, 0.85) * (room.width - gap) + gap / 2
-        layout.reserve(Place(x, centre), 1.6, gap)
+        layout.reserve(Pose2D(x, centre), 1.6, gap)
         row = [
-            lambda s: f.cabinet(s, s.uniform(0.5, 1.1), s.uniform(0.35, 0.6), s.uniform(0.6, 1.9)),
-            f.barrel,
-            f.clutter,
-            lambda s: f.shelf(s, 0.8),
+            lambda layout: cabinet(
+                layout, layout.uniform(0.5, 1.1), layout.uniform(0.35, 0.6), layout.uniform(0.6, 1.9)
+            ),
+            barrel,
+            clutter,
+            lambda layout: shelf(layout, 0.8),
         ]
         for low, high in ((0.0, centre - gap / 2), (centre + gap / 2, room.width)):
             y = low
             while high - y > 0.25:
                 piece = row[int(rng.integers(len(row)))](layout)
                 if piece.width > high - y:
-                    piece = f.cabinet(layout, high - y - 0.02, 0.4, layout.uniform(0.6, 1.5))
-                at = Place(x + layout.uniform(-0.08, 0.08), y + piece.width / 2 + 0.01)
+                    piece = cabinet(layout, high - y - 0.02, 0.4, layout.uniform(0.6, 1.5))
+                at = Pose2D(x + layout.uniform(-0.08, 0.08), y + piece.width / 2 + 0.01)
                 layout.put(piece, at)
                 y += piece.width + layout.uniform(0.02, 0.12)
-    scatter(layout, room.shrunk(0.5), [f.chair, f.bin_, f.person, f.clutter], 5)
+    scatter(layout, room.shrunk(0.5), [chair, waste_bin, person, clutter], 5)
     dress_walls(layout, room, 4)
     return layout
