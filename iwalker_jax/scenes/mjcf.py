@@ -98,14 +98,3 @@ def ray_depth(
     )
     depth = np.where(ranges >= 0, ranges / norms, 0.0)
     return np.where(depth <= max_depth, depth, 0.0).reshape(intrinsics.height, intrinsics.width)
-
-
-def mujoco_depth(
-    scene: Scene,
-    intrinsics: Intrinsics,
-    R_world_camera: Float[np.ndarray, "3 3"],
-    p_world_camera: Float[np.ndarray, " 3"],
-    max_depth: float = 10.0,
-) -> Float[np.ndarray, "height width"]:
-    """`ray_depth` of a scene that is loaded for this one image."""
-    return ray_depth(*load_scene(scene), intrinsics, R_world_camera, p_world_camera, max_depth)

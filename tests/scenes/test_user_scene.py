@@ -2,6 +2,7 @@
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 import trimesh
@@ -9,11 +10,11 @@ from trimesh.transformations import rotation_matrix, translation_matrix
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
-from iwalker_jax.scenes.imported.mesh_checks import mesh_clearance, mesh_model
-from iwalker_jax.scenes.imported.mjcf_shapes import load_mjcf
-from iwalker_jax.scenes.imported.user_scene import convert_user_scene, load_user_scene
+from iwalker_jax.scenes.imported.mesh_distance import mesh_clearance
+from iwalker_jax.scenes.imported.mjcf_solids import load_mjcf
+from iwalker_jax.scenes.imported.user_scene import convert_user_scene
 from iwalker_jax.scenes.imported.voxel_boxes import sample_surface, voxel_boxes
-from iwalker_jax.scenes.mjcf import mujoco_depth, ray_depth, scene_to_mjcf
+from iwalker_jax.scenes.mjcf import load_scene, ray_depth, scene_to_mjcf
 from iwalker_jax.tasks.named import demonstration
 
 CAMERA = Intrinsics(80, 45, 40.0, 40.0, 39.5, 22.0)
@@ -28,13 +29,33 @@ def camera_at(x, y, yaw):
     return np.column_stack([right, np.cross(forward, right), forward]), np.array([x, y, mount.height])
 
 
+def mesh_model(mesh):
+    """MuJoCo model and data of a mesh on a floor at z = 0."""
+    spec = mujoco.MjSpec()
+    spec.add_material(name="wall")
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], material="wall")
+    spec.add_mesh(
+        name="scene",
+        uservert=mesh.vertices.astype(np.float32).ravel(),
+        userface=mesh.faces.astype(np.int32).ravel(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+    )
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_MESH, meshname="scene", material="wall", contype=0, conaffinity=0
+    )
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
 def share_within(model, scene, poses, tolerance):
     """Share of the original's pixels whose depth the converted scene shows within a tolerance [m]."""
-    errors = []
+    errors, converted = [], load_scene(scene)
     for pose in poses:
         rotation, position = camera_at(*pose)
         original = ray_depth(*model, CAMERA, rotation, position)
-        errors.append(np.abs(mujoco_depth(scene, CAMERA, rotation, position) - original))
+        errors.append(np.abs(ray_depth(*converted, CAMERA, rotation, position) - original))
     return np.mean(np.array(errors) <= tolerance)
 
 
@@ -172,7 +193,7 @@ def test_an_exported_scene_comes_back(tmp_path):
     """Property: writing a scene as MJCF and loading it gives the same boxes and cylinders."""
     scene = demonstration("factory").scene
     (tmp_path / "hall.xml").write_text(scene_to_mjcf(scene))
-    again = load_user_scene(tmp_path / "hall.xml", bounds=scene.bounds)
+    again = convert_user_scene(tmp_path / "hall.xml", bounds=scene.bounds).scene
     np.testing.assert_allclose(again.cylinders, scene.cylinders, atol=1e-9)
     np.testing.assert_allclose(again.boxes[:, :6], scene.boxes[:, :6], atol=1e-9)
     np.testing.assert_allclose(np.exp(1j * again.boxes[:, 6]), np.exp(1j * scene.boxes[:, 6]), atol=1e-9)
@@ -185,7 +206,7 @@ def test_gltf_is_y_up_and_bounds_cut(tmp_path):
     room.export(tmp_path / "room.stl")
     to_y_up = rotation_matrix(-math.pi / 2, (1, 0, 0))
     room.copy().apply_transform(to_y_up).export(tmp_path / "room.glb")
-    flat, turned = load_user_scene(tmp_path / "room.stl"), load_user_scene(tmp_path / "room.glb")
+    flat, turned = convert_user_scene(tmp_path / "room.stl").scene, convert_user_scene(tmp_path / "room.glb").scene
     np.testing.assert_allclose(turned.bounds, flat.bounds, atol=1e-5)
     np.testing.assert_allclose(turned.boxes[0, :6], flat.boxes[0, :6], atol=1e-5)
     cut = convert_user_scene(tmp_path / "room.stl", bounds=(1.0, 1.0, 4.0, 4.0))
@@ -196,7 +217,7 @@ def test_a_closed_room_is_not_a_block(tmp_path):
     """Property: a room modelled as a closed box with outward faces becomes walls, its furniture solids."""
     room = trimesh.creation.box(bounds=[[0, 0, 0], [5, 4, 2.5]])
     trimesh.util.concatenate([room, trimesh.creation.box(bounds=[[2, 2, 0], [2.5, 3, 0.6]])]).export(tmp_path / "a.stl")
-    scene = load_user_scene(tmp_path / "a.stl")
+    scene = convert_user_scene(tmp_path / "a.stl").scene
     assert clearance(scene, np.array([[1.0, 1.0, 0.3]]))[0] > 0.9
 
 
@@ -236,7 +257,7 @@ BAD = [
 def test_unusable_files_are_refused(tmp_path, message, make):
     """Property: one sentence says what is wrong with the file and what to do."""
     with pytest.raises(InputError, match=message):
-        load_user_scene(make(tmp_path))
+        convert_user_scene(make(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -257,7 +278,7 @@ def test_unusable_models_are_refused(tmp_path, message, text):
     """Property: one sentence says what is wrong with the model."""
     (tmp_path / "model.xml").write_text(text)
     with pytest.raises(InputError, match=message):
-        load_user_scene(tmp_path / "model.xml")
+        convert_user_scene(tmp_path / "model.xml")
 
 
 @pytest.mark.parametrize("name", ["scene.stl", "scene.obj", "scene.glb"])
@@ -266,4 +287,4 @@ def test_broken_meshes_are_refused(tmp_path, name):
     for content in (b"", b"garbage \x00\x01"):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(InputError, match=r"cannot be read|no triangles"):
-            load_user_scene(tmp_path / name)
+            convert_user_scene(tmp_path / name)

@@ -11,9 +11,9 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from iwalker_jax.navigation.body_volume import BodyVolume
-from iwalker_jax.scenes.imported.mesh_checks import mesh_clearance
-from iwalker_jax.scenes.imported.mesh_shapes import read_mesh
-from iwalker_jax.scenes.imported.mjcf_shapes import load_mjcf, shapes_of
+from iwalker_jax.scenes.imported.mesh_distance import mesh_clearance
+from iwalker_jax.scenes.imported.mesh_solids import read_mesh
+from iwalker_jax.scenes.imported.mjcf_solids import load_mjcf, solids_of_mjcf
 from iwalker_jax.scenes.imported.user_scene import BAND, MJCF_SUFFIXES
 from iwalker_jax.scenes.imported.voxel_boxes import sample_surface
 from iwalker_jax.scenes.scene import MAX_EXTENT
@@ -31,12 +31,12 @@ def original_surface(path: str | PathLike) -> trimesh.Trimesh:
         InputError: as `convert_user_scene` for files that cannot be read.
     """
     if Path(path).suffix.lower() in MJCF_SUFFIXES:
-        shapes = shapes_of(*load_mjcf(path), reach=MAX_EXTENT)
-        parts = list(shapes.meshes)
-        for *centre, x, y, z, yaw in shapes.boxes:
+        solids = solids_of_mjcf(*load_mjcf(path), reach=MAX_EXTENT)
+        parts = list(solids.meshes)
+        for *centre, x, y, z, yaw in solids.boxes:
             pose = trimesh.transformations.translation_matrix(centre) @ trimesh.transformations.euler_matrix(0, 0, yaw)
             parts.append(trimesh.creation.box((2 * x, 2 * y, 2 * z), pose))
-        for *centre, radius, half in shapes.cylinders:
+        for *centre, radius, half in solids.cylinders:
             pose = trimesh.transformations.translation_matrix(centre)
             parts.append(trimesh.creation.cylinder(radius, 2 * half, sections=64, transform=pose))
     else:

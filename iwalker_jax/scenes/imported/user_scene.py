@@ -19,8 +19,8 @@ import trimesh
 from jaxtyping import Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.scenes.imported.mesh_shapes import MESH_SUFFIXES, SolidShapes, read_mesh, split_shapes
-from iwalker_jax.scenes.imported.mjcf_shapes import load_mjcf, shapes_of
+from iwalker_jax.scenes.imported.mesh_solids import MESH_SUFFIXES, MeshSolids, read_mesh, recognise_solids
+from iwalker_jax.scenes.imported.mjcf_solids import load_mjcf, solids_of_mjcf
 from iwalker_jax.scenes.imported.voxel_boxes import Bounds, VoxelBoxes, sample_surface, voxel_boxes
 from iwalker_jax.scenes.scene import BOX_CAPACITY, CYLINDER_CAPACITY, MAX_EXTENT, Scene
 
@@ -70,11 +70,6 @@ class UserScene:
         return text + "."
 
 
-def load_user_scene(path: str | PathLike, bounds: Bounds | None = None) -> Scene:
-    """The scene of `convert_user_scene`."""
-    return convert_user_scene(path, bounds).scene
-
-
 def convert_user_scene(path: str | PathLike, bounds: Bounds | None = None) -> UserScene:
     """A scene from an MJCF model (.xml, .mjcf) or from a mesh, with its floor at z = 0 and lengths in metres.
 
@@ -95,14 +90,14 @@ def convert_user_scene(path: str | PathLike, bounds: Bounds | None = None) -> Us
     suffix = file.suffix.lower()
     ceiling, margin = None, 0.0
     if suffix in MJCF_SUFFIXES:
-        shapes = shapes_of(*load_mjcf(file), reach=MAX_EXTENT)
-        ceiling, margin = shapes.ceiling, _MARGIN
-        parts = [split_shapes(mesh) for mesh in shapes.meshes]
-        parts.append(SolidShapes(shapes.boxes, shapes.cylinders))
+        solids = solids_of_mjcf(*load_mjcf(file), reach=MAX_EXTENT)
+        ceiling, margin = solids.ceiling, _MARGIN
+        parts = [recognise_solids(mesh) for mesh in solids.meshes]
+        parts.append(MeshSolids(solids.boxes, solids.cylinders))
     elif suffix in MESH_SUFFIXES:
         mesh = read_mesh(file)
         _check_mesh(file, mesh, bounds)
-        parts = [split_shapes(mesh)]
+        parts = [recognise_solids(mesh)]
     else:
         raise InputError(f"{file} has an unknown ending; give one of {', '.join((*MJCF_SUFFIXES, *MESH_SUFFIXES))}.")
     boxes = np.reshape([row for part in parts for row in part.boxes], (-1, 7))

@@ -19,7 +19,7 @@ _WALL = 0.1
 
 
 @dataclass
-class MjcfShapes:
+class MjcfSolids:
     """What a model consists of, in its world frame at its reference positions.
 
     Attributes:
@@ -53,8 +53,8 @@ def load_mjcf(path: str | PathLike) -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-def shapes_of(model: mujoco.MjModel, data: mujoco.MjData, reach: float) -> MjcfShapes:
-    """The geoms of a model as shapes.
+def solids_of_mjcf(model: mujoco.MjModel, data: mujoco.MjData, reach: float) -> MjcfSolids:
+    """The geoms of a model as solids.
 
     Args:
         model, data: as from `load_mjcf`.
@@ -63,23 +63,23 @@ def shapes_of(model: mujoco.MjModel, data: mujoco.MjData, reach: float) -> MjcfS
     Raises:
         InputError: for a floor that is not at z = 0, a tilted plane, or a kind of geom without triangles.
     """
-    shapes = MjcfShapes()
+    solids = MjcfSolids()
     for geom in range(model.ngeom):
         rotation, position = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
         size, kind = model.geom_size[geom], _GEOM(model.geom_type[geom])
         upright = abs(rotation[2, 2]) >= _UPRIGHT
         if kind == _GEOM.mjGEOM_PLANE:
-            _add_plane(shapes, model.geom(geom).name or str(geom), rotation, position, size, reach)
+            _add_plane(solids, model.geom(geom).name or str(geom), rotation, position, size, reach)
         elif kind == _GEOM.mjGEOM_BOX and (np.abs(rotation[2]) >= _UPRIGHT).any():
-            shapes.boxes.append(_box_row(rotation, position, size))
+            solids.boxes.append(_box_row(rotation, position, size))
         elif kind == _GEOM.mjGEOM_CYLINDER and upright:
-            shapes.cylinders.append([*position, size[0], size[1]])
+            solids.cylinders.append([*position, size[0], size[1]])
         else:
             mesh = _mesh(model, geom, kind)
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = rotation, position
-            shapes.meshes.append(mesh.apply_transform(pose))
-    return shapes
+            solids.meshes.append(mesh.apply_transform(pose))
+    return solids
 
 
 def _box_row(rotation: Float[np.ndarray, "3 3"], position: Float[np.ndarray, "3"], half: np.ndarray) -> list[float]:
@@ -91,7 +91,7 @@ def _box_row(rotation: Float[np.ndarray, "3 3"], position: Float[np.ndarray, "3"
 
 
 def _add_plane(
-    shapes: MjcfShapes,
+    solids: MjcfSolids,
     name: str,
     rotation: Float[np.ndarray, "3 3"],
     position: Float[np.ndarray, "3"],
@@ -103,11 +103,11 @@ def _add_plane(
         if abs(position[2]) > 1e-3:
             raise InputError(f"The floor {name} is at z = {position[2]:.3f} m; move the scene so that it is at z = 0.")
     elif up <= -_UPRIGHT:
-        shapes.ceiling = min(float(position[2]), shapes.ceiling or math.inf)
+        solids.ceiling = min(float(position[2]), solids.ceiling or math.inf)
     elif abs(up) <= 1e-6:
         half = np.where(size[:2] > 0, size[:2], reach)
         centre = position - rotation[:, 2] * _WALL / 2
-        shapes.boxes.append(_box_row(rotation, centre, np.array([*half, _WALL / 2])))
+        solids.boxes.append(_box_row(rotation, centre, np.array([*half, _WALL / 2])))
     else:
         raise InputError(f"The plane {name} is tilted, but the robot walks on level floors; replace it by a box.")
 

@@ -45,7 +45,7 @@ def read_mesh(path: str | PathLike) -> trimesh.Trimesh:
 
 
 @dataclass
-class SolidShapes:
+class MeshSolids:
     """Rows of `Scene.boxes` and `Scene.cylinders`, and what is neither.
 
     Attributes:
@@ -60,23 +60,23 @@ class SolidShapes:
     rest: list[trimesh.Trimesh] = field(default_factory=list)
 
 
-def split_shapes(mesh: trimesh.Trimesh) -> SolidShapes:
+def recognise_solids(mesh: trimesh.Trimesh) -> MeshSolids:
     """The parts of a mesh, each of which hangs together, as solids as far as possible.
 
     Upright boxes are exact, and cylinders too, of eight sides and more; spheres, cones and the like become stacks.
     """
-    shapes = SolidShapes()
+    solids = MeshSolids()
     parts = _parts(mesh)
     if len(parts) > _MOST_PARTS:
-        return SolidShapes(rest=[mesh])
+        return MeshSolids(rest=[mesh])
     for part in parts:
         if not (part.is_watertight and part.is_winding_consistent and part.volume > 0):
-            shapes.rest.append(part)
+            solids.rest.append(part)
             continue
         if len(parts) > 1 and _is_around(part, mesh):
             # A closed room seen from outside; turned inside out it is not filled.
             part.invert()
-            shapes.rest.append(part)
+            solids.rest.append(part)
             continue
         plan = part.vertices[:, :2].astype(np.float32)
         (x, y), (length, width), degrees = cv2.minAreaRect(plan)
@@ -84,14 +84,14 @@ def split_shapes(mesh: trimesh.Trimesh) -> SolidShapes:
         low, high = part.bounds[:, 2].tolist()
         middle, half = (low + high) / 2, (high - low) / 2
         if part.volume > _BOX_SHARE * 2 * half * length * width:
-            shapes.boxes.append([x, y, middle, length / 2, width / 2, half, math.radians(degrees)])
+            solids.boxes.append([x, y, middle, length / 2, width / 2, half, math.radians(degrees)])
         elif part.volume > _CYLINDER_SHARE * 2 * half * math.pi * radius**2:
-            shapes.cylinders.append([cx, cy, middle, radius, half])
+            solids.cylinders.append([cx, cy, middle, radius, half])
         elif abs(length - width) < _ROUNDNESS * length and (discs := _stack(part, cx, cy)):
-            shapes.discs += discs
+            solids.discs += discs
         else:
-            shapes.rest.append(part)
-    return shapes
+            solids.rest.append(part)
+    return solids
 
 
 def _parts(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
