@@ -22,7 +22,7 @@ import optax  # noqa: E402
 from flax import nnx  # noqa: E402
 
 from benchmarks.timing import in_turns, timed  # noqa: E402
-from iwalker_jax.data.frames import DEPTH_UNIT, FrameSet  # noqa: E402
+from iwalker_jax.data.frame_set import DEPTH_UNIT, FrameSet  # noqa: E402
 from iwalker_jax.data.sources import DataConfig, load_training_frames  # noqa: E402
 from iwalker_jax.geometry.splines import resample_by_arc_length  # noqa: E402
 from iwalker_jax.optimization.steps.mpc import solve_step_mpc  # noqa: E402

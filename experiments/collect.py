@@ -12,16 +12,14 @@ import json
 import shutil
 from collections import Counter
 from dataclasses import dataclass
-from functools import reduce
 from pathlib import Path
 
 import tyro
 
 from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.shared.planners import planner_of
-from iwalker_jax.data.frames import FrameSet, load_frames, save_frames
-from iwalker_jax.data.sources import joined
-from iwalker_jax.data.walked import frames_from_episodes
+from iwalker_jax.data.frame_set import FrameSet, concatenate, load_frames, save_frames
+from iwalker_jax.data.from_episodes import frames_from_episodes
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
@@ -35,8 +33,8 @@ from iwalker_jax.tasks.generated import training_task
 class Command:
     """Let the robot walk in training scenes, none of which is used in any evaluation, and keep what its camera saw.
 
-    Train on the frames with `python -m experiments.train --source.walks FILE`; no labels are needed. What is walked is
-    kept batch by batch: the same command goes on where it was stopped.
+    Train on the frames with `python -m experiments.train --source.episodes FILE`; no labels are needed. What is
+    walked is kept batch by batch: the same command goes on where it was stopped.
 
     Attributes:
         run: folder of a training run; the planner that ships with the package if left out.
@@ -101,7 +99,7 @@ def collect(command: Command) -> None:
             parts.append(load_frames(file))
             ends.update(json.loads(file.with_suffix(".json").read_text()))
             show(numbers[-1] + 1)
-    frames = reduce(joined, parts)
+    frames = concatenate(parts)
     save_frames(frames, command.out)
     shutil.rmtree(folder)
     counts = ", ".join(f"{ends[end]} {end}" for end in sorted(ends))

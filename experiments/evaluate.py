@@ -27,7 +27,7 @@ from experiments.shared.console import (
     stopped,
 )
 from experiments.shared.planners import planner_of
-from iwalker_jax.data.recorded import frames_from_recording
+from iwalker_jax.data.from_recording import frames_from_recording
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.episodes.film import FilmSettings
 from iwalker_jax.evaluation.episodes.report import Report, write_report

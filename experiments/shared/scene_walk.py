@@ -24,7 +24,7 @@ from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
 from iwalker_jax.runtime.files import write_json
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene
 from iwalker_jax.scenes.imported.voxel_boxes import Bounds
-from iwalker_jax.scenes.routes import DEFAULT_ROUTE_RULES
+from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS
 from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.tasks.named import TASK_NAMES, named_task
 from iwalker_jax.tasks.routes import (
@@ -102,7 +102,7 @@ def _scene_of(file: Path, goals: tuple[tuple[float, float], ...], bounds: Bounds
 def _check_start(task: Task) -> None:
     """Require room for the robot's footprint; a goal that cannot be reached is for the robot to find out."""
     clearance = float(clearances(single_precision(task.scene), np.asarray(task.start[:2])))
-    wanted = DEFAULT_ROUTE_RULES.inflated_radius
+    wanted = DEFAULT_ROUTE_PARAMETERS.inflated_radius
     if clearance < wanted:
         where = "inside an obstacle" if clearance <= 0 else f"{100 * clearance:.0f} cm from an obstacle"
         raise InputError(

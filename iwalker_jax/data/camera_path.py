@@ -1,4 +1,4 @@
-"""One walk through a generated scene: a route, base poses and camera mounts along it, noisy depth images, and goals."""
+"""One camera path through a scene: a route, base poses and camera mounts along it, noisy depth images, and goals."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from iwalker_jax.data.frames import FrameSet, depth_to_millimetres
+from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
+from iwalker_jax.geometry.body import BODY
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, descend
 from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
@@ -20,16 +21,16 @@ from iwalker_jax.scenes.scene import Scene, SceneArrays, obstacle_distance
 
 @dataclass(frozen=True)
 class CameraPathSampling:
-    """How a robot walks through a scene while its camera records.
+    """How a camera is carried through a scene, and which goals are asked for.
 
     Attributes:
-        frames_per_walk: images along one route.
+        frames_per_path: images along one route.
         goals_per_frame: the route's end plus random reachable points.
         min_route, max_route: [m] route lengths (cost-to-go along the comfortable route).
         last_frame: [m] distance before the goal at which the recording ends.
-        height, height_spread: [m] camera height and its standard deviation from walk to walk.
-        pitch, pitch_spread: [rad] downward pitch and its spread from walk to walk.
-        roll_spread: [rad] mounting roll's spread from walk to walk.
+        height, height_spread: [m] camera height and its standard deviation from path to path.
+        pitch, pitch_spread: [rad] downward pitch and its spread from path to path.
+        roll_spread: [rad] mounting roll's spread from path to path.
         sway_angle: [rad] gait sway in pitch and roll from image to image.
         sway_height: [m] gait sway of the height.
         forward: [m] of the camera ahead of the COM, and sway_position: [m] of the COM's gait sway about it, both axes.
@@ -39,7 +40,7 @@ class CameraPathSampling:
         min_clearance: [m] distance to obstacles at every recorded pose.
     """
 
-    frames_per_walk: int = 5
+    frames_per_path: int = 5
     goals_per_frame: int = 6
     min_route: float = 3.0
     max_route: float = 9.0
@@ -56,11 +57,11 @@ class CameraPathSampling:
     heading_spread: float = 0.25
     lateral_spread: float = 0.08
     goal_radius: float = 6.0
-    min_clearance: float = 0.20
+    min_clearance: float = BODY.route_radius
 
     def __post_init__(self) -> None:
-        if self.frames_per_walk < 1 or self.goals_per_frame < 1:
-            raise InputError("A walk needs at least one frame and one goal per frame.")
+        if self.frames_per_path < 1 or self.goals_per_frame < 1:
+            raise InputError("A camera path needs at least one frame and one goal per frame.")
         if not 0 < self.last_frame < self.min_route < self.max_route:
             raise InputError("CameraPathSampling needs 0 < last_frame < min_route < max_route [m].")
 
@@ -73,12 +74,12 @@ def record_camera_path(
     noise: DepthNoise | None = DepthNoise(),
     route: np.ndarray | None = None,
 ) -> FrameSet | None:
-    """Frames of one walk through a scene, from a random start to a random reachable goal; None if it has no such route.
+    """Frames of one path through a scene, from a random start to a random reachable goal; None without such a route.
 
     Args:
-        scene: where to walk.
+        scene: to go through.
         seed: of route, sway, goals and noise.
-        sampling: walks and goals.
+        sampling: camera path and goals.
         intrinsics: camera.
         noise: sensor noise; None for ideal depth.
         route: (n, 2) [m] world polyline to follow instead of a random one; its end is the goal.
@@ -99,10 +100,10 @@ def record_camera_path(
     poses = _poses_along(route, rng, sampling, arrays)
     mounts = _mounts(len(poses), rng, sampling)
     goals = reachable_goals(poses, route[-1], free & reachable, origin, rng, sampling)
-    depth = np.asarray(render_walk(arrays, intrinsics, jnp.asarray(poses), jnp.asarray(mounts)))
+    depth = np.asarray(render_path(arrays, intrinsics, jnp.asarray(poses), jnp.asarray(mounts)))
     if noise is not None:
         keys = jax.random.split(jax.random.key(seed), len(depth))
-        depth = np.asarray(noisy_walk(keys, jnp.asarray(depth), noise, intrinsics))
+        depth = np.asarray(add_path_noise(keys, jnp.asarray(depth), noise, intrinsics))
     n = len(poses)
     return FrameSet(depth_to_millimetres(depth), mounts, goals, poses, np.zeros(n, np.int32), (scene.name,))
 
@@ -140,7 +141,7 @@ def _render(scene: SceneArrays, intrinsics: Intrinsics, poses: Array, mounts: Ar
     return jax.vmap(one)(poses, mounts)
 
 
-render_walk = jax.jit(_render, static_argnames="intrinsics")
+render_path = jax.jit(_render, static_argnames="intrinsics")
 """Ideal depth images [m] of one scene from (n, 3) base poses and (n, 5) mounts."""
 
 
@@ -148,7 +149,7 @@ def _add_noise(keys: Array, depth: Array, noise: DepthNoise, intrinsics: Intrins
     return jax.vmap(lambda key, image: add_depth_noise(key, image, noise, intrinsics))(keys, depth)
 
 
-noisy_walk = jax.jit(_add_noise, static_argnames=("noise", "intrinsics"))
+add_path_noise = jax.jit(_add_noise, static_argnames=("noise", "intrinsics"))
 """The same images as a real sensor would see them."""
 
 
@@ -188,7 +189,7 @@ def _poses_along(
     route: np.ndarray, rng: np.random.Generator, sampling: CameraPathSampling, arrays: SceneArrays
 ) -> np.ndarray:
     """(n, 3) base poses: evenly along the route with random phase, looking half a metre ahead."""
-    n = sampling.frames_per_walk
+    n = sampling.frames_per_path
     usable = max(host.arc_length(route)[-1] - sampling.last_frame, 0.1)
     at = (np.arange(n) + rng.uniform(0.0, 1.0)) / n * usable
     along, ahead = host.points_along(route, at), host.points_along(route, at + 0.5)
@@ -205,7 +206,7 @@ def _poses_along(
 
 
 def _mounts(n: int, rng: np.random.Generator, sampling: CameraPathSampling) -> np.ndarray:
-    """(n, 5) camera mounts: one height, pitch and roll a walk, and the gait's sway in every image."""
+    """(n, 5) camera mounts: one height, pitch and roll a path, and the gait's sway in every image."""
     height = rng.normal(sampling.height, sampling.height_spread) + rng.normal(0.0, sampling.sway_height, n)
     pitch = rng.normal(sampling.pitch, sampling.pitch_spread) + rng.normal(0.0, sampling.sway_angle, n)
     roll = rng.normal(0.0, sampling.roll_spread) + rng.normal(0.0, sampling.sway_angle, n)

@@ -1,4 +1,4 @@
-"""Training frames from their source: generated once and cached, or read from a user's own recording."""
+"""Training frames from their sources: generated and cached, or a user's own recording, and the robot's episodes."""
 
 import hashlib
 import json
@@ -6,13 +6,11 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
-
 from iwalker_jax import __version__
 from iwalker_jax.data.camera_path import CameraPathSampling
-from iwalker_jax.data.frames import FrameSet, load_frames, save_frames
-from iwalker_jax.data.generated import generate_training_frames
-from iwalker_jax.data.recorded import frames_from_recording
+from iwalker_jax.data.frame_set import FrameSet, concatenate, load_frames, save_frames
+from iwalker_jax.data.from_recording import frames_from_recording
+from iwalker_jax.data.from_scenes import generate_training_frames
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.settings import default_cache_folder
 
@@ -27,14 +25,14 @@ class DataConfig:
     Attributes:
         folder: a recording of your own; None generates synthetic scenes.
         frames: number of synthetic frames; the paper has 1185.
-        seed: of layouts, walks and noise.
-        walks: file of frames from the robot's own walks (`experiments.collect`), added to the others.
+        seed: of layouts, camera paths and noise.
+        episodes: file of frames from the robot's own episodes (`experiments.collect`), added to the others.
     """
 
     folder: Path | None = None
     frames: int = 1185
     seed: int = 0
-    walks: Path | None = None
+    episodes: Path | None = None
 
 
 def load_training_frames(
@@ -53,29 +51,7 @@ def load_training_frames(
         InputError: if a recording is unusable.
     """
     frames = _own_frames(source, on_progress, say)
-    return frames if source.walks is None else joined(frames, load_frames(source.walks))
-
-
-def joined(first: FrameSet, second: FrameSet) -> FrameSet:
-    """Both frame sets as one.
-
-    Raises:
-        InputError: if their images or their numbers of goals differ.
-    """
-    sizes = [(frames.depth.shape[1:], frames.goals.shape[1]) for frames in (first, second)]
-    if sizes[0] != sizes[1]:
-        raise InputError(
-            f"Frames of {sizes[0][0]} px with {sizes[0][1]} goals and frames of {sizes[1][0]} px with {sizes[1][1]} "
-            "goals cannot be trained on together; collect the walks again with the same camera and number of goals."
-        )
-    return FrameSet(
-        depth=np.concatenate([first.depth, second.depth]),
-        mounts=np.concatenate([first.mounts, second.mounts]),
-        goals=np.concatenate([first.goals, second.goals]),
-        poses=np.concatenate([first.poses, second.poses]),
-        scene_index=np.concatenate([first.scene_index, second.scene_index + len(first.scene_names)]),
-        scene_names=first.scene_names + second.scene_names,
-    )
+    return frames if source.episodes is None else concatenate([frames, load_frames(source.episodes)])
 
 
 def _own_frames(source: DataConfig, on_progress: Callable[[int, int], None], say: Callable[[str], None]) -> FrameSet:
@@ -100,7 +76,7 @@ def cache_file(source: DataConfig) -> Path:
     recipe = {
         "frames": source.frames,
         "seed": source.seed,
-        "walks": asdict(CameraPathSampling()),
+        "camera_paths": asdict(CameraPathSampling()),
         "generator": GENERATOR,
     }
     recipe["version"] = __version__

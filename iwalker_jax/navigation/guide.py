@@ -8,6 +8,7 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.body import BODY
 from iwalker_jax.geometry.planar import to_base, to_world
 from iwalker_jax.geometry.splines import arc_length, interpolate_along, resample_by_arc_length
 from iwalker_jax.navigation.map_memory import MapMemory, MapMemoryParameters, remember, remembered, window_origin
@@ -47,7 +48,7 @@ class GuidanceParameters:
     headway: float = 0.3
     memory: MapMemoryParameters = MapMemoryParameters()
     band_parameters: BandParameters = BandParameters()
-    traversal: TraversalParameters = TraversalParameters(body_radius=0.20)
+    traversal: TraversalParameters = TraversalParameters(body_radius=BODY.route_radius)
 
     def __post_init__(self) -> None:
         if self.source not in get_args(PathSource):

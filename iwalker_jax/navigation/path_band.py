@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.body import BODY
 from iwalker_jax.geometry.splines import resample_by_arc_length
 from iwalker_jax.perception.grid import GridSpec
 from iwalker_jax.perception.map_sampling import sample_smooth
@@ -29,7 +30,7 @@ class BandParameters:
     """
 
     wanted: float = 0.38
-    least: float = 0.22
+    least: float = BODY.stop_radius
     push: float = 0.3
     pull: float = 0.25
     iterations: int = 30

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.body import BODY
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class TraversalParameters:
         unknown: extra cost per metre through space that was not seen.
     """
 
-    body_radius: float = 0.18
+    body_radius: float = BODY.radius
     comfort: float = 0.45
     discomfort: float = 2.0
     contact: float = 30.0

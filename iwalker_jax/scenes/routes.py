@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.body import BODY
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
 from iwalker_jax.perception.grid import GridSpec
 from iwalker_jax.scenes.scene import MAX_EXTENT, SceneArrays, obstacle_distance, occupancy
@@ -25,7 +26,7 @@ class RouteParameters:
         discomfort: extra cost per metre at zero clearance beyond the inflated radius.
     """
 
-    inflated_radius: float = 0.20
+    inflated_radius: float = BODY.route_radius
     comfort: float = 0.45
     discomfort: float = 2.0
 
@@ -34,7 +35,7 @@ class RouteParameters:
             raise InputError("RouteParameters needs 0 < inflated_radius < comfort and discomfort >= 0.")
 
 
-DEFAULT_ROUTE_RULES = RouteParameters()
+DEFAULT_ROUTE_PARAMETERS = RouteParameters()
 
 
 class RouteMap(NamedTuple):
@@ -51,29 +52,31 @@ class RouteMap(NamedTuple):
     origin: Float[Array, " 2"]
 
 
-def free_cells(scene: SceneArrays, rules: RouteParameters = DEFAULT_ROUTE_RULES) -> Bool[Array, "rows columns"]:
+def free_cells(
+    scene: SceneArrays, parameters: RouteParameters = DEFAULT_ROUTE_PARAMETERS
+) -> Bool[Array, "rows columns"]:
     """Cells of `SCENE_GRID` where the inflated footprint fits."""
-    return ~occupancy(scene, scene.bounds[:2], SCENE_GRID.resolution, SCENE_GRID.shape, rules.inflated_radius)
+    return ~occupancy(scene, scene.bounds[:2], SCENE_GRID.resolution, SCENE_GRID.shape, parameters.inflated_radius)
 
 
 def route_map(
-    scene: SceneArrays, goal_xy: Float[Array, " 2"], rules: RouteParameters = DEFAULT_ROUTE_RULES
+    scene: SceneArrays, goal_xy: Float[Array, " 2"], parameters: RouteParameters = DEFAULT_ROUTE_PARAMETERS
 ) -> RouteMap:
     """Cost of the best comfortable route to a goal [m, world] from everywhere in the scene."""
     origin = scene.bounds[:2]
-    free = free_cells(scene, rules)
+    free = free_cells(scene, parameters)
     clearance = obstacle_distance(scene, SCENE_GRID.centres() + origin)
-    tightness = jnp.clip((rules.comfort - clearance) / (rules.comfort - rules.inflated_radius), 0.0, 1.0)
-    traversal = jnp.where(free, 1.0 + rules.discomfort * tightness**2, jnp.inf)
+    tightness = jnp.clip((parameters.comfort - clearance) / (parameters.comfort - parameters.inflated_radius), 0.0, 1.0)
+    traversal = jnp.where(free, 1.0 + parameters.discomfort * tightness**2, jnp.inf)
     solution = cost_to_go(traversal, goal_xy - origin, SCENE_GRID)
     return RouteMap(free, solution.value.cost, origin)
 
 
 def shortest_distance(
-    scene: SceneArrays, goal_xy: Float[Array, " 2"], rules: RouteParameters = DEFAULT_ROUTE_RULES
+    scene: SceneArrays, goal_xy: Float[Array, " 2"], parameters: RouteParameters = DEFAULT_ROUTE_PARAMETERS
 ) -> RouteMap:
     """Like `route_map`, with length [m] as the only cost: the yardstick of progress and path efficiency."""
-    return route_map(scene, goal_xy, replace(rules, discomfort=0.0))
+    return route_map(scene, goal_xy, replace(parameters, discomfort=0.0))
 
 
 def cost_at(routes: RouteMap, points_xy: Float[Array, "*batch 2"]) -> Float[Array, "*batch"]:

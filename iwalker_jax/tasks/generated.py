@@ -52,16 +52,16 @@ class TaskSampling:
 _SCENES, _PAIRS, _ROUTES = 20, 400, 4
 
 
-def generated_task(seed: int, rules: TaskSampling = TaskSampling()) -> Task:
+def generated_task(seed: int, sampling: TaskSampling = TaskSampling()) -> Task:
     """The held-out task of a seed, in a scene that training never shows; the same arguments give the same task.
 
     Raises:
         InputError: for a negative seed.
     """
-    return _draw(f"unseen-{seed}", HELD_OUT_TASKS, seed, rules, lambda rng: held_out_scene(int(rng.integers(2**31))))
+    return _draw(f"unseen-{seed}", HELD_OUT_TASKS, seed, sampling, lambda rng: held_out_scene(int(rng.integers(2**31))))
 
 
-def training_task(seed: int, rules: TaskSampling = TaskSampling()) -> Task:
+def training_task(seed: int, sampling: TaskSampling = TaskSampling()) -> Task:
     """Like `generated_task`, in a scene of a training family.
 
     Raises:
@@ -71,10 +71,10 @@ def training_task(seed: int, rules: TaskSampling = TaskSampling()) -> Task:
     def scene(rng: np.random.Generator) -> Scene:
         return generate_scene(FAMILIES[rng.integers(len(FAMILIES))], int(rng.integers(2**31)))
 
-    return _draw(f"training-{seed}", TRAINING_TASKS, seed, rules, scene)
+    return _draw(f"training-{seed}", TRAINING_TASKS, seed, sampling, scene)
 
 
-def generated_tasks(count: int, seed: int = 0, rules: TaskSampling = TaskSampling()) -> list[Task]:
+def generated_tasks(count: int, seed: int = 0, sampling: TaskSampling = TaskSampling()) -> list[Task]:
     """`generated_task` of `count` successive seeds.
 
     Raises:
@@ -82,11 +82,11 @@ def generated_tasks(count: int, seed: int = 0, rules: TaskSampling = TaskSamplin
     """
     if count < 1:
         raise InputError(f"Ask for at least one task, not {count}.")
-    return [generated_task(seed + i, rules) for i in range(count)]
+    return [generated_task(seed + i, sampling) for i in range(count)]
 
 
 def _draw(
-    name: str, stream: Stream, seed: int, rules: TaskSampling, scene_of: Callable[[np.random.Generator], Scene]
+    name: str, stream: Stream, seed: int, sampling: TaskSampling, scene_of: Callable[[np.random.Generator], Scene]
 ) -> Task:
     """A task from successive sub-seeds; scenes in which nothing stands between free places are passed over."""
     if seed < 0:
@@ -95,17 +95,17 @@ def _draw(
         rng = stream.generator(seed, attempt)
         scene = scene_of(rng)
         arrays = single_precision(scene)
-        for start, goal in _blocked_pairs(arrays, rng, rules):
+        for start, goal in _blocked_pairs(arrays, rng, sampling):
             route = comfortable_route(arrays, start, goal)
-            if route is None or host.polyline_length(route) > rules.most_detour * math.dist(start, goal):
+            if route is None or host.polyline_length(route) > sampling.most_detour * math.dist(start, goal):
                 continue
-            yaw = _heading(route, rules.look_ahead) + rng.uniform(-rules.heading_spread, rules.heading_spread)
+            yaw = _heading(route, sampling.look_ahead) + rng.uniform(-sampling.heading_spread, sampling.heading_spread)
             pose = (float(start[0]), float(start[1]), math.remainder(yaw, 2 * math.pi))
             return Task(name, scene, pose, goal[None], time_limit(host.polyline_length(route)))
-    raise RuntimeError(f"Task {name}: none of {_SCENES} scenes has a start and a goal that obey {rules}.")
+    raise RuntimeError(f"Task {name}: none of {_SCENES} scenes has a start and a goal that obey {sampling}.")
 
 
-def _blocked_pairs(arrays: SceneArrays, rng: np.random.Generator, rules: TaskSampling) -> Float[np.ndarray, "n 2 2"]:
+def _blocked_pairs(arrays: SceneArrays, rng: np.random.Generator, sampling: TaskSampling) -> Float[np.ndarray, "n 2 2"]:
     """A few random starts and goals with room around them and something in between."""
     bounds = np.asarray(arrays.bounds, np.float64)
     pairs = rng.uniform(bounds[:2], bounds[2:], size=(_PAIRS, 2, 2))
@@ -117,9 +117,9 @@ def _blocked_pairs(arrays: SceneArrays, rng: np.random.Generator, rules: TaskSam
     fits = (
         (clearance[:, 0] >= START_CLEARANCE)
         & (clearance[:, -1] >= GOAL_CLEARANCE)
-        & (clearance.min(axis=1) < rules.blocked_clearance)
-        & (distance >= rules.nearest)
-        & (distance <= rules.farthest)
+        & (clearance.min(axis=1) < sampling.blocked_clearance)
+        & (distance >= sampling.nearest)
+        & (distance <= sampling.farthest)
     )
     return pairs[fits][:_ROUTES]
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.geometry.host import polyline_length
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, descend
-from iwalker_jax.scenes.routes import DEFAULT_ROUTE_RULES, SCENE_GRID, cost_at, route_map
+from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS, SCENE_GRID, cost_at, route_map
 from iwalker_jax.scenes.scene import Scene, SceneArrays, obstacle_distance
 
 PACE = 0.25
@@ -31,7 +31,7 @@ def single_precision(scene: Scene) -> SceneArrays:
 def comfortable_route(
     scene: SceneArrays, start: Float[np.ndarray, " 2"], goal: Float[np.ndarray, " 2"]
 ) -> Float[np.ndarray, "n 2"] | None:
-    """The comfortable route [m, world] between two points for the footprint of `DEFAULT_ROUTE_RULES`; None without one.
+    """The comfortable route [m, world] between two points by `DEFAULT_ROUTE_PARAMETERS`; None without one.
 
     Args:
         scene: one scene in single precision.
@@ -39,7 +39,7 @@ def comfortable_route(
     """
     ends = np.asarray([start, goal], np.float32)
     inside = (ends > np.asarray(scene.bounds[:2])) & (ends < np.asarray(scene.bounds[2:]))
-    if not inside.all() or clearances(scene, ends).min() <= DEFAULT_ROUTE_RULES.inflated_radius:
+    if not inside.all() or clearances(scene, ends).min() <= DEFAULT_ROUTE_PARAMETERS.inflated_radius:
         return None
     cost, way = _route(scene, jnp.asarray(ends[0]), jnp.asarray(ends[1]))
     if float(cost) >= UNREACHABLE:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from iwalker_jax.data.frames import DEPTH_UNIT, FrameSet
+from iwalker_jax.data.frame_set import DEPTH_UNIT, FrameSet
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.cost_to_go import cost_to_go
 from iwalker_jax.perception.grid import pool_2x2, softened

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from iwalker_jax.data import sources as datasets
-from iwalker_jax.data.frames import FrameSet
+from iwalker_jax.data import sources
+from iwalker_jax.data.frame_set import FrameSet
 from iwalker_jax.data.sources import DataConfig, cache_file, load_training_frames
 from iwalker_jax.errors import InputError
+from iwalker_jax.training.config import config_from_dict
 
 SOURCE = DataConfig(frames=3, seed=7)
 
@@ -25,7 +26,7 @@ def generated(monkeypatch):
             depth, zeros, np.zeros((count, 2, 2), np.float32), zeros[:, :3], np.zeros(count, np.int32), ("one",)
         )
 
-    monkeypatch.setattr(datasets, "generate_training_frames", generate)
+    monkeypatch.setattr(sources, "generate_training_frames", generate)
     return calls
 
 
@@ -56,7 +57,7 @@ def test_another_recipe_is_another_file(generated, cache):
 
 def test_another_generator_makes_the_frames_anew(generated, cache, monkeypatch):
     load_training_frames(SOURCE)
-    monkeypatch.setattr(datasets, "GENERATOR", datasets.GENERATOR + 1)
+    monkeypatch.setattr(sources, "GENERATOR", sources.GENERATOR + 1)
     load_training_frames(SOURCE)
     assert len(generated) == 2
 
@@ -96,3 +97,9 @@ def test_a_recording_is_read_and_never_cached(generated, cache, tmp_path):
         load_training_frames(DataConfig(folder=tmp_path / "absent"))
     assert generated == []
     assert not cache.exists()
+
+
+def test_a_configuration_that_named_the_file_of_episodes_otherwise_is_refused_with_a_sentence():
+    """Configurations of earlier versions called it `walks`."""
+    with pytest.raises(InputError, match=r"^DataConfig has no field walks; .* another version of iwalker_jax\.$"):
+        config_from_dict(DataConfig, {"folder": None, "frames": 3, "seed": 7, "walks": "runs/walks.npz"})

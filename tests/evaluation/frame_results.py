@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from iwalker_jax.data.frames import FrameSet
+from iwalker_jax.data.frame_set import FrameSet
 from iwalker_jax.evaluation.frames.metrics import PlanMetrics, TrueMetrics
 from iwalker_jax.evaluation.frames.sequences import Sequence, SequenceResult
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID

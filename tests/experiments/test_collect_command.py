@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments import collect
-from iwalker_jax.data.frames import FrameSet, load_frames
+from iwalker_jax.data.frame_set import FrameSet, load_frames
 from iwalker_jax.navigation.record import Outcome
 from tests.evaluation.episode_records import make_task
 from tests.experiments.commands import fails_with_one_sentence

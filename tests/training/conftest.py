@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from iwalker_jax.data.camera_path import CameraPathSampling
-from iwalker_jax.data.generated import generate_training_frames
+from iwalker_jax.data.from_scenes import generate_training_frames
 from iwalker_jax.data.sources import DataConfig
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.planning.ipath import IPathConfig
@@ -32,7 +32,7 @@ def small_config() -> TrainConfig:
 @pytest.fixture(scope="session")
 def small_frames():
     """Eight frames of two families."""
-    sampling = CameraPathSampling(frames_per_walk=4, goals_per_frame=3)
+    sampling = CameraPathSampling(frames_per_path=4, goals_per_frame=3)
     return generate_training_frames(8, seed=5, families=("lobby", "open_office"), sampling=sampling)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flax import nnx
 
-from iwalker_jax.data.frames import FrameSet, depth_to_millimetres
+from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.training.batches import gather_batch
 from iwalker_jax.training.maps import prepare

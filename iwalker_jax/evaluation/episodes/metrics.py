@@ -17,7 +17,7 @@ from iwalker_jax.geometry import host
 from iwalker_jax.navigation.closed_loop import LoopParameters
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
-from iwalker_jax.scenes.routes import DEFAULT_ROUTE_RULES, RouteParameters, cost_at, shortest_distance
+from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS, RouteParameters, cost_at, shortest_distance
 from iwalker_jax.scenes.scene import SceneArrays
 from iwalker_jax.tasks.task import GOAL_CAPACITY, Task
 
@@ -179,7 +179,7 @@ def walked_distance(places: Float[np.ndarray, "n 2"], times: Float[np.ndarray, "
     return host.polyline_length(smooth_track(places, period))
 
 
-def shortest_route(task: Task, rules: RouteParameters = DEFAULT_ROUTE_RULES) -> float:
+def shortest_route(task: Task, rules: RouteParameters = DEFAULT_ROUTE_PARAMETERS) -> float:
     """[m] length that nobody can walk less than to reach all goals in order; NaN if there is no route.
 
     That is the shortest walkable route over the goals' centres, less what is spared because a goal counts from

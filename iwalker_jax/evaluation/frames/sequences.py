@@ -11,8 +11,7 @@ import numpy as np
 from flax import nnx
 
 from iwalker_jax.data.camera_path import CameraPathSampling, record_camera_path
-from iwalker_jax.data.frames import FrameSet
-from iwalker_jax.data.generated import concatenate_walks
+from iwalker_jax.data.frame_set import FrameSet, concatenate
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.frames.metrics import (
     PlanMetrics,
@@ -82,32 +81,32 @@ def record_held_out_sequence(name: str, frames: int = 60, seed: int = 0) -> Sequ
     if name not in SEQUENCE_NAMES:
         raise InputError(f"Unknown test scene {name!r}; choose one of {', '.join(SEQUENCE_NAMES)}.")
     sequence = held_out_sequence(name)
-    sampling = CameraPathSampling(frames_per_walk=frames)
-    walk = record_camera_path(
+    sampling = CameraPathSampling(frames_per_path=frames)
+    path = record_camera_path(
         sequence.scene, seed=SEQUENCE_PATHS.number(seed), sampling=sampling, route=np.asarray(sequence.route)
     )
-    if walk is None:
+    if path is None:
         raise InputError(f"The route of test scene {name!r} does not fit the robot.")
-    return Sequence(name, walk, (sequence.scene,))
+    return Sequence(name, path, (sequence.scene,))
 
 
 def record_unseen_scenes(
     scenes: int = 60, frames_per_scene: int = 5, seed: int = 0, on_progress: Callable[[int], None] = lambda done: None
 ) -> Sequence:
-    """Walks through scenes of the held-out generator, which no training seed can produce."""
+    """Camera paths through scenes of the held-out generator, which no training seed can produce."""
     parts: list[FrameSet] = []
     kept: list[Scene] = []
-    sampling = CameraPathSampling(frames_per_walk=frames_per_scene)
+    sampling = CameraPathSampling(frames_per_path=frames_per_scene)
     number = 0
     while len(parts) < scenes:
         scene = held_out_scene(UNSEEN_LAYOUTS.number(seed, number))
-        walk = record_camera_path(scene, seed=UNSEEN_PATHS.number(seed, number), sampling=sampling)
+        path = record_camera_path(scene, seed=UNSEEN_PATHS.number(seed, number), sampling=sampling)
         number += 1
-        if walk is not None:
-            parts.append(walk)
+        if path is not None:
+            parts.append(path)
             kept.append(scene)
             on_progress(len(parts))
-    return Sequence("unseen", concatenate_walks(parts, [scene.name for scene in kept]), tuple(kept))
+    return Sequence("unseen", concatenate(parts), tuple(kept))
 
 
 def evaluate_sequence(

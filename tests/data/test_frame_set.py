@@ -8,7 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from iwalker_jax.data.frames import FrameSet, checksum_file, depth_to_millimetres, load_frames, save_frames
+from iwalker_jax.data.frame_set import (
+    FrameSet,
+    checksum_file,
+    concatenate,
+    depth_to_millimetres,
+    load_frames,
+    save_frames,
+)
 from iwalker_jax.errors import InputError
 
 FIELDS = ("depth", "mounts", "goals", "poses", "scene_index")
@@ -32,6 +39,24 @@ def saved(tmp_path):
     file = tmp_path / "deep" / "frames.npz"
     save_frames(make_frames(), file)
     return file
+
+
+def test_frame_sets_are_put_together_in_order():
+    """Oracle: by hand; rows one after the other, scenes numbered on."""
+    first, second = make_frames(), make_frames(scene_index=np.zeros(5, np.int32), scene_names=("lobby-3",))
+    both = concatenate([first, second, first])
+    assert both.scene_names == (*first.scene_names, "lobby-3", *first.scene_names)
+    assert both.scene_index.tolist() == [0, 0, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 4, 4, 4]
+    assert both.scene_index.dtype == np.int32
+    for name in ("depth", "mounts", "goals", "poses"):
+        np.testing.assert_array_equal(getattr(both, name), np.concatenate([getattr(first, name)] * 3))
+
+
+def test_frame_sets_of_other_cameras_are_not_put_together():
+    with pytest.raises(InputError, match=r"\(4, 6\) px with 3 goals and frames of \(4, 6\) px with 2 goals"):
+        concatenate([make_frames(), make_frames(goals=np.zeros((5, 2, 2), np.float32))])
+    with pytest.raises(InputError, match="no frames to put together"):
+        concatenate([])
 
 
 def is_one_sentence(text: str) -> bool:

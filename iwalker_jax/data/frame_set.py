@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,6 +80,32 @@ class FrameSet:
             self.scene_index[index],
             self.scene_names,
         )
+
+
+def concatenate(parts: Sequence[FrameSet]) -> FrameSet:
+    """One frame set of several, whose scenes keep their names and their order.
+
+    Raises:
+        InputError: for no parts, or if their images or their numbers of goals differ.
+    """
+    if not parts:
+        raise InputError("There are no frames to put together; give at least one frame set.")
+    (size, goals), *others = [(part.depth.shape[1:], part.goals.shape[1]) for part in parts]
+    for other in others:
+        if other != (size, goals):
+            raise InputError(
+                f"Frames of {size} px with {goals} goals and frames of {other[0]} px with {other[1]} goals cannot be "
+                "trained on together; make them with the same camera and number of goals."
+            )
+    first_scene = np.cumsum([0, *(len(part.scene_names) for part in parts[:-1])]).tolist()
+    return FrameSet(
+        depth=np.concatenate([part.depth for part in parts]),
+        mounts=np.concatenate([part.mounts for part in parts]),
+        goals=np.concatenate([part.goals for part in parts]),
+        poses=np.concatenate([part.poses for part in parts]),
+        scene_index=np.concatenate([part.scene_index + first for part, first in zip(parts, first_scene)]),
+        scene_names=tuple(name for part in parts for name in part.scene_names),
+    )
 
 
 def depth_to_millimetres(depth: np.ndarray) -> np.ndarray:

@@ -8,17 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from iwalker_jax.data.frames import FrameSet, depth_to_millimetres
+from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
 from iwalker_jax.data.recordings import load_recording
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
+from iwalker_jax.geometry.body import BODY
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
 from iwalker_jax.perception.grid import DEFAULT_GRID, halved, pool_2x2
 from iwalker_jax.perception.local_map import build_local_map
 
 _GRID = halved(DEFAULT_GRID)
-_CLEARANCE = 0.2
 _NEAREST_GOAL, _FARTHEST_GOAL = 0.6, 6.0
 
 
@@ -84,7 +84,7 @@ def frames_from_recording(
 def _reachable(depth: Float[Array, "height width"], mount: Float[Array, " 5"]) -> Array:
     """Cells of the coarse grid that the robot can reach without leaving seen free space."""
     local = build_local_map(depth, mount, Intrinsics())
-    free = (pool_2x2(local.known_free.astype(jnp.float32)) > 0.99) & (pool_2x2(local.esdf) > _CLEARANCE)
+    free = (pool_2x2(local.known_free.astype(jnp.float32)) > 0.99) & (pool_2x2(local.esdf) > BODY.route_radius)
     return free & (cost_to_go(jnp.where(free, 1.0, jnp.inf), jnp.zeros(2), _GRID).value.cost < UNREACHABLE)
 
 

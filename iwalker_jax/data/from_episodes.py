@@ -1,8 +1,8 @@
-"""Training frames from the robot's own walks: what the camera really sees while it walks, with goals, and no labels.
+"""Training frames from the robot's own episodes: what the camera sees while it walks, with goals, and no labels.
 
-Generated walks keep to good routes. A robot that walks by its own plans also sees what its mistakes lead to: obstacles
-close ahead, headings off the route, the gait's sway. The losses need nothing but the images, so such frames teach as
-any others do.
+Generated camera paths keep to good routes. A robot that walks by its own plans also sees what its mistakes lead to:
+obstacles close ahead, headings off the route, the gait's sway. The losses need nothing but the images, so such frames
+teach as any others do.
 """
 
 from collections.abc import Sequence
@@ -12,8 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from iwalker_jax.data.camera_path import CameraPathSampling, cells_that_reach, reachable_goals
-from iwalker_jax.data.frames import FrameSet, depth_to_millimetres
-from iwalker_jax.data.generated import concatenate_walks
+from iwalker_jax.data.frame_set import FrameSet, concatenate, depth_to_millimetres
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.camera import RobotCamera, camera_in_world, measured_mount
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
@@ -43,7 +42,7 @@ def frames_from_episodes(
     """
     if record.depth.shape[-1] == 0:
         raise InputError("The episodes were recorded without images; record them with images=True.")
-    parts, names = [], []
+    parts = []
     for k, task in enumerate(tasks):
         rng = np.random.default_rng([seed, k])
         running = np.flatnonzero(record.outcome[k] == Outcome.RUNNING)
@@ -63,10 +62,9 @@ def frames_from_episodes(
         depth = depth_to_millimetres(np.asarray(record.depth[k, chosen], np.float32))
         mounts = np.asarray(_mounts(camera, jnp.asarray(record.qpos[k, chosen - 1]), jnp.asarray(poses)))
         parts.append(FrameSet(depth, mounts, goals, poses, np.zeros(len(chosen), np.int32), (task.name,)))
-        names.append(task.name)
     if not parts:
         raise InputError("No robot walked in these episodes; collect from other tasks.")
-    return concatenate_walks(parts, names)
+    return concatenate(parts)
 
 
 @jax.jit

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from iwalker_jax.data.frames import FrameSet
-from iwalker_jax.data.recorded import frames_from_recording
+from iwalker_jax.data.frame_set import FrameSet
+from iwalker_jax.data.from_recording import frames_from_recording
 from iwalker_jax.errors import InputError
 from tests.data.recording_folders import (
     CAMERA_HEIGHT,

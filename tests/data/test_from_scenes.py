@@ -1,4 +1,4 @@
-"""Synthetic recordings: reproducible, evenly spread, and honest about where the robot stands and what it can reach.
+"""Camera paths in generated scenes: reproducible, evenly spread, and true about where they are and what they reach.
 
 Ground truth comes from a distance to boxes and cylinders written apart from the library, and from SciPy's labelling.
 """
@@ -10,7 +10,7 @@ import pytest
 from scipy import ndimage
 
 from iwalker_jax.data.camera_path import CameraPathSampling, record_camera_path
-from iwalker_jax.data.generated import generate_training_frames
+from iwalker_jax.data.from_scenes import generate_training_frames
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.scenes.built.training_scenes import generate_scene
@@ -20,7 +20,7 @@ from iwalker_jax.scenes.scene import Scene
 TINY = Intrinsics(8, 6, 4.0, 4.0, 3.5, 2.5)
 """Images too small to look at: these tests are about poses and goals."""
 
-SAMPLING = CameraPathSampling(frames_per_walk=4, goals_per_frame=8)
+SAMPLING = CameraPathSampling(frames_per_path=4, goals_per_frame=8)
 FAMILIES = ("corridor_doors", "kitchen", "warehouse")
 RADIUS = RouteParameters().inflated_radius
 
@@ -86,14 +86,14 @@ def region_around(labels: np.ndarray, scene: Scene, point: np.ndarray) -> set[in
 def test_the_same_seed_gives_the_same_frames(small_frames):
     """With full images and sensor noise."""
     again = generate_training_frames(
-        8, seed=5, families=("lobby", "open_office"), sampling=CameraPathSampling(frames_per_walk=4, goals_per_frame=3)
+        8, seed=5, families=("lobby", "open_office"), sampling=CameraPathSampling(frames_per_path=4, goals_per_frame=3)
     )
     for name in ("depth", "mounts", "goals", "poses", "scene_index"):
         np.testing.assert_array_equal(getattr(again, name), getattr(small_frames, name))
     assert again.scene_names == small_frames.scene_names
 
 
-def test_different_seeds_give_different_layouts_walks_and_images():
+def test_different_seeds_give_different_layouts_paths_and_images():
     first, second = (tiny_frames(3, seed=seed) for seed in (1, 2))
     assert not set(first.scene_names) & set(second.scene_names)
     assert not np.isclose(first.poses, second.poses).all(axis=1).any()
@@ -104,7 +104,7 @@ def test_count_and_even_spread_over_families(frames, scenes):
     """Oracle: counting; 49 frames over three families are 17, 16 and 16, four a layout at most."""
     names = [frames.scene_names[i] for i in frames.scene_index]
     assert Counter(_family_and_seed(name)[0] for name in names) == dict(zip(FAMILIES, (17, 16, 16)))
-    assert max(Counter(names).values()) == SAMPLING.frames_per_walk
+    assert max(Counter(names).values()) == SAMPLING.frames_per_path
     assert len(set(frames.scene_names)) == len(frames.scene_names)
     assert (np.diff(frames.scene_index) >= 0).all()
     assert [scene.name for scene in scenes] == list(frames.scene_names)
@@ -128,7 +128,7 @@ def test_the_first_goal_is_the_routes_end_and_reachable(frames, scenes):
         home = region_around(labels, scene, goals[0])
         for pose in poses:
             assert home & region_around(labels, scene, pose[:2])
-        # The walk approaches its end and its recording stops before it.
+        # The path approaches its end and its recording stops before it.
         distance = np.linalg.norm(poses[:, :2] - goals, axis=1)
         assert distance.min() > 0.4
         assert len(poses) == 1 or distance[0] > distance[-1]
@@ -159,17 +159,17 @@ def test_other_goals_are_spread_over_distances_mostly_ahead(frames):
 
 def test_mount_statistics():
     """Oracle: the sampling's own means and spreads, within four standard errors."""
-    sampling = CameraPathSampling(frames_per_walk=5, goals_per_frame=1)
+    sampling = CameraPathSampling(frames_per_path=5, goals_per_frame=1)
     frames = tiny_frames(200, seed=3, families=("open_office",), sampling=sampling)
     assert len(frames.scene_names) == 40
     mounts = frames.mounts.reshape(40, 5, 5).astype(np.float64)
-    walk, sway = mounts.mean(axis=1), mounts - mounts.mean(axis=1, keepdims=True)
+    path, sway = mounts.mean(axis=1), mounts - mounts.mean(axis=1, keepdims=True)
     means = [sampling.height, sampling.pitch, 0.0]
     spreads = np.array([sampling.height_spread, sampling.pitch_spread, sampling.roll_spread])
     sways = np.array([sampling.sway_height, sampling.sway_angle, sampling.sway_angle])
     between = np.sqrt(spreads**2 + sways**2 / 5)
-    np.testing.assert_array_less(np.abs(walk.mean(axis=0)[:3] - means), 4 * between / np.sqrt(40))
-    np.testing.assert_allclose(walk.std(axis=0, ddof=1)[:3], between, rtol=4 / np.sqrt(2 * 39))
+    np.testing.assert_array_less(np.abs(path.mean(axis=0)[:3] - means), 4 * between / np.sqrt(40))
+    np.testing.assert_allclose(path.std(axis=0, ddof=1)[:3], between, rtol=4 / np.sqrt(2 * 39))
     within = np.sqrt((sway[..., :3] ** 2).sum(axis=(0, 1)) / (40 * 4))
     np.testing.assert_allclose(within, sways, rtol=4 / np.sqrt(2 * 160))
     place = mounts[..., 3:].reshape(-1, 2)
@@ -183,10 +183,10 @@ def test_a_given_route_is_followed_to_its_end():
     """Oracle: distance from a polyline, in NumPy."""
     scene = Scene("hall", "test", np.empty((0, 7)), np.empty((0, 5)), (0.0, 0.0, 10.0, 10.0))
     route = np.array([[1.0, 1.0], [6.0, 1.0], [6.0, 7.0]])
-    walk = record_camera_path(scene, 0, CameraPathSampling(frames_per_walk=20), TINY, None, route)
-    assert walk is not None
-    np.testing.assert_allclose(in_world(walk.poses, walk.goals[:, :1])[:, 0], np.tile(route[-1], (20, 1)), atol=1e-4)
-    x, y = walk.poses[:, 0], walk.poses[:, 1]
+    path = record_camera_path(scene, 0, CameraPathSampling(frames_per_path=20), TINY, None, route)
+    assert path is not None
+    np.testing.assert_allclose(in_world(path.poses, path.goals[:, :1])[:, 0], np.tile(route[-1], (20, 1)), atol=1e-4)
+    x, y = path.poses[:, 0], path.poses[:, 1]
     apart = np.minimum(np.hypot(y - 1, np.maximum(x - 6, 0)), np.hypot(x - 6, np.minimum(y - 1, 0)))
     assert apart.max() < 6 * CameraPathSampling().lateral_spread
     along = np.maximum(x, 6 * (y > 1.6)) + np.maximum(y - 1, 0) * (y > 1.6)
@@ -205,6 +205,6 @@ def test_impossible_requests_are_refused():
     with pytest.raises(InputError, match="ballroom"):
         tiny_frames(1, families=("ballroom",))
     with pytest.raises(InputError, match="at least one frame"):
-        CameraPathSampling(frames_per_walk=0)
+        CameraPathSampling(frames_per_path=0)
     with pytest.raises(InputError, match="last_frame"):
         CameraPathSampling(max_route=2.0)

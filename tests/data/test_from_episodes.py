@@ -1,11 +1,16 @@
+"""Frames of episodes: where the camera was, which goals are asked for, and that they go with other frames.
+
+Oracles: the robot's own kinematics one frame earlier, rotations in NumPy, the distance to the scene's obstacles.
+"""
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from bruce_model import load_mujoco
 from iwalker_jax.data.camera_path import CameraPathSampling
-from iwalker_jax.data.sources import joined
-from iwalker_jax.data.walked import frames_from_episodes
+from iwalker_jax.data.frame_set import concatenate
+from iwalker_jax.data.from_episodes import frames_from_episodes
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.camera import camera_in_world, load_camera
 from iwalker_jax.scenes.ray_casting import world_camera_pose
@@ -48,15 +53,15 @@ def test_goals_lead_to_the_tasks_goal_and_to_free_places(frames):
         assert float(obstacle_distance(scene, jnp.asarray(world)).min()) > 0.1
 
 
-def test_frames_of_walks_join_others_of_the_same_kind(camera, frames):
-    both = joined(frames, frames)
+def test_frames_of_episodes_join_others_of_the_same_kind(camera, frames):
+    both = concatenate([frames, frames])
     assert len(both) == 2 * len(frames)
     assert both.scene_index.max() == 1
     other = frames_from_episodes(
         camera, [make_task()], make_record(images=True), 10, 0, CameraPathSampling(goals_per_frame=2)
     )
     with pytest.raises(InputError, match="cannot be trained on together"):
-        joined(frames, other)
+        concatenate([frames, other])
 
 
 def test_records_without_images_are_refused(camera):
