@@ -12,8 +12,8 @@ from iwalker_jax.evaluation.walks.metrics import WalkMetrics, speed_error
 from iwalker_jax.evaluation.walks.pictures import save_walk_sheet
 from iwalker_jax.evaluation.walks.tables import summarise
 from iwalker_jax.evaluation.walks.traces import save_trace_grid
-from iwalker_jax.film.filming import Overlays
-from iwalker_jax.film.video import show, write_video
+from iwalker_jax.film.rendering import Overlays
+from iwalker_jax.film.video import play_motion, write_video
 from iwalker_jax.runtime.files import write_json, write_npz
 from iwalker_jax.walking.batch import BatchResult
 from iwalker_jax.walking.commands import Walk
@@ -123,7 +123,7 @@ def film(
         except InputError as error:
             say(f"No video: {error}")
     if view:
-        show(model, qpos[:end], record.time[:end], overlays)
+        play_motion(model, qpos[:end], record.time[:end], overlays)
 
 
 def push_forces(conditions: Conditions, robot: int, times: np.ndarray) -> np.ndarray:

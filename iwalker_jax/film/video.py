@@ -15,16 +15,16 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.film.filming import (
+from iwalker_jax.film.headless import has_screen
+from iwalker_jax.film.recorded_motion import check_motion, resample_motion
+from iwalker_jax.film.rendering import (
     Overlays,
     VideoSettings,
     check_overlays,
     draw_overlays,
-    place,
     render_frames,
+    set_configuration,
 )
-from iwalker_jax.film.headless import has_screen
-from iwalker_jax.film.motion import check_motion, resample_motion
 from iwalker_jax.runtime.files import atomic_write
 
 _VIEW = (1.8, 130.0, -15.0)
@@ -92,7 +92,7 @@ def _suffix(file: Path) -> str:
     return suffix
 
 
-def show(
+def play_motion(
     model: mujoco.MjModel,
     qpos: Float[np.ndarray, "n nq"],
     times: Float[np.ndarray, " n"],
@@ -118,7 +118,7 @@ def show(
         while viewer.is_running():
             now = times[0] + ((time.monotonic() - start) / slow_motion) % (times[-1] - times[0])
             with viewer.lock():
-                place(model, data, resample_motion(model, qpos, times, np.array([now]))[0])
+                set_configuration(model, data, resample_motion(model, qpos, times, np.array([now]))[0])
                 viewer.user_scn.ngeom = 0
                 draw_overlays(viewer.user_scn, data, overlays, now, int(np.searchsorted(times, now)))
             viewer.sync()

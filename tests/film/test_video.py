@@ -17,8 +17,8 @@ import cv2  # noqa: E402
 import mujoco  # noqa: E402
 from PIL import Image  # noqa: E402
 
-from iwalker_jax.film.filming import Overlays, VideoSettings, render_frames  # noqa: E402
-from iwalker_jax.film.video import show, write_frames, write_video  # noqa: E402
+from iwalker_jax.film.rendering import Overlays, VideoSettings, render_frames  # noqa: E402
+from iwalker_jax.film.video import play_motion, write_frames, write_video  # noqa: E402
 from iwalker_jax.walking.record import TimedFootsteps  # noqa: E402
 
 BOX = """
@@ -244,7 +244,7 @@ def test_no_screen_for_the_viewer(box, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(InputError, match="no screen for MuJoCo's viewer"):
-        show(box, *sliding(box))
+        play_motion(box, *sliding(box))
 
 
 @pytest.mark.parametrize(

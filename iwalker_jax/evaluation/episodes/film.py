@@ -15,9 +15,9 @@ from bruce_model import load_mujoco
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.film_panels import Plan, depth_panel, left_feet, map_panel, write
 from iwalker_jax.evaluation.episodes.pictures import in_true_world
-from iwalker_jax.film.filming import VideoSettings, open_renderer, place
-from iwalker_jax.film.motion import check_motion, smooth_track
-from iwalker_jax.film.scene_marks import add_footsteps, add_goal, add_path, add_shadow
+from iwalker_jax.film.markers import add_footsteps, add_goal, add_path, add_shadow
+from iwalker_jax.film.recorded_motion import check_motion, smooth_track
+from iwalker_jax.film.rendering import VideoSettings, open_renderer, set_configuration
 from iwalker_jax.film.video import write_frames
 from iwalker_jax.geometry import host
 from iwalker_jax.geometry.planar import to_base
@@ -113,9 +113,9 @@ def film_frames(
     with open_renderer(model, view) as renderer:
         for i in range(0, frames, settings.pace):
             # A frame was seen where the robot stood at the end of the one before.
-            place(model, data, qpos[max(i - 1, 0)])
+            set_configuration(model, data, qpos[max(i - 1, 0)])
             panels = _seen(data, task, episode, i, settings), _mapped(task, episode, i, seen_from[i], settings)
-            place(model, data, qpos[i])
+            set_configuration(model, data, qpos[i])
             robot = _robot_view(renderer, data, _camera(track[i], heading[i]), task, episode, i)
             yield _composed(robot, panels, _caption(task, episode, i, speed[i], settings.pace))
 

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.film.motion import smooth_track
+from iwalker_jax.film.recorded_motion import smooth_track
 from iwalker_jax.geometry import host
 from iwalker_jax.navigation.closed_loop import LoopParameters
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome

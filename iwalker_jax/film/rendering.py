@@ -12,8 +12,8 @@ from jaxtyping import Float, UInt8
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.film.headless import NO_RENDERING, missing_backend
-from iwalker_jax.film.motion import check_motion, resample_motion, smooth_track
-from iwalker_jax.film.scene_marks import add_footsteps, add_forces, add_shadow
+from iwalker_jax.film.markers import add_footsteps, add_forces, add_shadow
+from iwalker_jax.film.recorded_motion import check_motion, resample_motion, smooth_track
 from iwalker_jax.walking.record import TimedFootsteps
 
 CONTACT_SITES = ("toe_r", "heel_r", "toe_l", "heel_l")
@@ -99,7 +99,7 @@ def render_frames(
     with open_renderer(model, settings) as renderer:
         scene = renderer.scene
         for i, now in enumerate(at):
-            place(model, data, motion[i])
+            set_configuration(model, data, motion[i])
             if tracking:
                 data.cam_xpos[camera] += track[i] - motion[i, :3]
             renderer.update_scene(data, camera)
@@ -111,7 +111,7 @@ def render_frames(
             yield _write_text(renderer.render(), (f"{now:.2f} s   {speed[i]:.2f} m/s", overlays.caption))
 
 
-def place(model: mujoco.MjModel, data: mujoco.MjData, qpos: Float[np.ndarray, " nq"]) -> None:
+def set_configuration(model: mujoco.MjModel, data: mujoco.MjData, qpos: Float[np.ndarray, " nq"]) -> None:
     """Put the model into a configuration; the stages of mj_forward that a picture needs."""
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)

@@ -1,4 +1,4 @@
-"""Marks drawn into MuJoCo's visual scene: footsteps, paths and goals on the floor, forces and a soft shadow."""
+"""Markers drawn into MuJoCo's visual scene: footsteps, paths and goals on the floor, forces and a soft shadow."""
 
 import mujoco
 import numpy as np
@@ -57,15 +57,15 @@ def add_path(scene: mujoco.MjvScene, points: Float[np.ndarray, "n 2"], spacing: 
         last = point
 
 
-def add_goal(scene: mujoco.MjvScene, place: Float[np.ndarray, " 2"], current: bool) -> None:
+def add_goal(scene: mujoco.MjvScene, position: Float[np.ndarray, " 2"], current: bool) -> None:
     """Mark a goal [m] by a disc on the floor; the one being walked to also by a slim pole."""
     colour = (*_GOAL_COLOUR, 0.9 if current else 0.35)
     disc, pole = np.array([0.12, 0.001, 0.0]), np.array([0.012, 0.35, 0.0])
-    _add_geom(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, disc, np.array([*place, 0.002]), np.eye(3), colour)
+    _add_geom(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, disc, np.array([*position, 0.002]), np.eye(3), colour)
     if current:
-        _add_geom(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, pole, np.array([*place, 0.35]), np.eye(3), colour)
+        _add_geom(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, pole, np.array([*position, 0.35]), np.eye(3), colour)
         ball = np.full(3, 0.045)
-        _add_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, ball, np.array([*place, 0.72]), np.eye(3), colour)
+        _add_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, ball, np.array([*position, 0.72]), np.eye(3), colour)
 
 
 def add_forces(

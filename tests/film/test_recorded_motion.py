@@ -6,7 +6,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
-from iwalker_jax.film.motion import resample_motion, smooth_track
+from iwalker_jax.film.recorded_motion import resample_motion, smooth_track
 
 MODEL = mujoco.MjModel.from_xml_string(
     """
