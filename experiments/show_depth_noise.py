@@ -1,27 +1,42 @@
-"""`python -m experiments.show_depth_noise [--real FOLDER]`: simulated depth beside a real camera's."""
+"""Simulated depth beside a real camera's: python -m experiments.show_depth_noise [--real FOLDER]."""
 
-import itertools
 import sys
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-import tyro
-
-from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.settings import configure_runtime
 
-if TYPE_CHECKING:
-    from rich.table import Table
+if __name__ == "__main__":
+    configure_runtime()
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import jax
+import jax.numpy as jnp
+import matplotlib
+import numpy as np
+import tyro
+from rich.table import Table
+
+from experiments.shared.console import console, exit_with, say
+from iwalker_jax.errors import InputError
+from iwalker_jax.evaluation.figures import pyplot, save_figure
+from iwalker_jax.perception.camera import CameraMount, Intrinsics
+from iwalker_jax.perception.depth_cleanup import depth_from_uint16
+from iwalker_jax.scenes.built.training_scenes import generate_scene
+from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
+from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
+from iwalker_jax.scenes.scene import obstacle_distance
 
 RANGES = ((0.5, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 5.0))
 """[m] bins of the temporal standard deviation."""
 
 
 @dataclass(frozen=True)
-class Config:
-    """Options of the command.
+class Command:
+    """Show simulated depth images beside ideal ones and a real camera's, and print what their noise is like.
 
     Attributes:
         real: folder of 16-bit PNG depth images in millimetres, in order; without it only simulated frames are shown.
@@ -58,8 +73,6 @@ class FrameStatistics(NamedTuple):
 
 def frame_statistics(frames: np.ndarray) -> FrameStatistics:
     """Statistics of (N, height, width) depth [m] of a static view, N >= 2; 0 = no return."""
-    import cv2
-
     valid = frames > 0
     always = valid.all(axis=0)
     mean, std = frames.mean(axis=0), frames.std(axis=0, ddof=1)
@@ -93,23 +106,27 @@ def quietest_stretch(frames: np.ndarray, length: int = 4) -> np.ndarray:
     return frames[start : start + length]
 
 
-def main(config: Config) -> None:
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
+    try:
+        show_depth_noise(command)
+    except (InputError, OSError) as error:
+        exit_with(error)
+    return 0
+
+
+def show_depth_noise(command: Command) -> None:
     """Measure, print and draw."""
-    configure_runtime()
-    import matplotlib
-    from rich.console import Console
-
-    from iwalker_jax.evaluation.figures import pyplot, save_figure
-
-    ideal, simulated = _simulated_views(config)
+    ideal, simulated = _simulated_views(command)
     rows = [("ideal", ideal), ("simulated", simulated[:, 0])]
     statistics = {"simulated": _average([frame_statistics(view) for view in simulated])}
-    if config.real is not None:
-        frames = _read_millimetres(config.real)
+    if command.real is not None:
+        frames = _read_millimetres(command.real)
         shown = np.linspace(0, len(frames) - 1, len(ideal)).astype(int)
         rows.append(("real", frames[shown]))
         statistics["real, quietest 4 frames"] = frame_statistics(quietest_stretch(frames))
-    Console().print(_table(statistics))
+    console.print(_table(statistics))
 
     figure, axes = pyplot().subplots(
         len(rows), len(ideal), figsize=(4.0 * len(ideal), 2.6 * len(rows)), squeeze=False, layout="constrained"
@@ -122,24 +139,15 @@ def main(config: Config) -> None:
             axis.set(xticks=[], yticks=[])
         line[0].set_ylabel(name)
     figure.colorbar(drawn, ax=axes, label="depth [m], white = no return", shrink=0.7)
-    save_figure(figure, config.output, dpi=90)
-    Console().print(f"Picture: {config.output}")
+    save_figure(figure, command.output, dpi=90)
+    say(f"Picture: {command.output}")
 
 
-def _simulated_views(config: Config) -> tuple[np.ndarray, np.ndarray]:
+def _simulated_views(command: Command) -> tuple[np.ndarray, np.ndarray]:
     """Ideal frames (views, height, width) and noisy ones (views, 4, height, width), 320 x 180 px."""
-    import jax
-    import jax.numpy as jnp
-
-    from iwalker_jax.perception.camera import CameraMount, Intrinsics
-    from iwalker_jax.scenes.built.training_scenes import generate_scene
-    from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
-    from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
-    from iwalker_jax.scenes.scene import obstacle_distance
-
     intrinsics, noise = Intrinsics(320, 180, 160.0, 160.0, 159.5, 89.5), DepthNoise()
     mount = CameraMount(pitch=0.3, roll=0.1).as_array()
-    rng = np.random.default_rng(config.seed)
+    rng = np.random.default_rng(command.seed)
     render = jax.jit(lambda scene, pose: render_depth(scene, intrinsics, *world_camera_pose(pose, mount)))
     add = jax.jit(
         jax.vmap(
@@ -147,8 +155,8 @@ def _simulated_views(config: Config) -> tuple[np.ndarray, np.ndarray]:
         )
     )
     ideal, simulated = [], []
-    for index, family in enumerate(config.families):
-        scene = generate_scene(family, config.seed).arrays()
+    for index, family in enumerate(command.families):
+        scene = generate_scene(family, command.seed).arrays()
         low, high = np.asarray(scene.bounds[:2]), np.asarray(scene.bounds[2:])
         poses = np.concatenate([rng.uniform(low, high, (200, 2)), rng.uniform(-np.pi, np.pi, (200, 1))], axis=1)
         # One metre free around and before the robot, so that the view is neither a wall nor empty.
@@ -158,17 +166,13 @@ def _simulated_views(config: Config) -> tuple[np.ndarray, np.ndarray]:
         )
         depth = render(scene, jnp.asarray(poses[np.argmax(np.asarray(room) > 0.4)]))
         ideal.append(np.asarray(depth))
-        key_frames, key_surface = jax.random.split(jax.random.key(config.seed + index))
+        key_frames, key_surface = jax.random.split(jax.random.key(command.seed + index))
         simulated.append(np.asarray(add(jax.random.split(key_frames, 4), depth, key_surface)))
     return np.stack(ideal), np.stack(simulated)
 
 
 def _read_millimetres(folder: Path) -> np.ndarray:
     """(N, height, width) depth [m] of a folder's PNG files, every second pixel."""
-    import cv2
-
-    from iwalker_jax.perception.depth_cleanup import depth_from_uint16
-
     images = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in sorted(folder.glob("*.png"))]
     readable = [image for image in images if image is not None]
     if len(readable) < 4 or len(readable) < len(images):
@@ -183,10 +187,8 @@ def _average(statistics: list[FrameStatistics]) -> FrameStatistics:
     )
 
 
-def _table(statistics: dict[str, FrameStatistics]) -> "Table":
+def _table(statistics: dict[str, FrameStatistics]) -> Table:
     """Rich table with one column a source."""
-    from rich.table import Table
-
     table = Table("figure", *statistics, title="Depth noise of successive frames of a static view")
     for k, (low, high) in enumerate(RANGES):
         cells = [f"{1e3 * s.std_median[k]:.0f} / {1e3 * s.std_p95[k]:.0f} mm" for s in statistics.values()]
@@ -198,7 +200,4 @@ def _table(statistics: dict[str, FrameStatistics]) -> "Table":
 
 
 if __name__ == "__main__":
-    try:
-        main(tyro.cli(Config, description=__doc__))
-    except InputError as error:
-        sys.exit(str(error))
+    raise SystemExit(main())

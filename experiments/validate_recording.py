@@ -1,23 +1,30 @@
-"""`python -m experiments.validate_recording FOLDER`: what is usable in a recording, what is wrong, what was assumed."""
+"""What is usable in a recording, what is wrong, what was assumed: python -m experiments.validate_recording FOLDER."""
 
-import math
 import sys
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
 
-import tyro
-
-from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.settings import configure_runtime
 
-if TYPE_CHECKING:
-    from iwalker_jax.data.recordings import RecordingReport
+if __name__ == "__main__":
+    configure_runtime()
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.markup import escape
+from rich.table import Table
+
+from experiments.shared.console import console, exit_with, require_at_least
+from iwalker_jax.data.recordings import RecordingReport, validate_recording
+from iwalker_jax.errors import InputError
+from iwalker_jax.perception.camera import Intrinsics
 
 
 @dataclass(frozen=True)
-class Config:
-    """Options of the command.
+class Command:
+    """Say what is usable in a recording of depth images, what is wrong, file by file, and what was assumed.
 
     Attributes:
         folder: of the recording: recording.yaml, TUM RGB-D or iPlanner layout, or bare PNG images with --intrinsics.
@@ -32,28 +39,21 @@ class Config:
     max_problems: int = 40
 
 
-def main(config: Config) -> int:
-    """Print the report; 0 if at least one frame is usable, else 1."""
-    configure_runtime()
-    from iwalker_jax.data.recordings import validate_recording
-    from iwalker_jax.perception.camera import Intrinsics
-
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns the exit status, 0 if at least one frame is usable."""
+    command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
     try:
-        intrinsics = None if config.intrinsics is None else Intrinsics(*config.intrinsics)
+        require_at_least(command, max_problems=0)
+        intrinsics = None if command.intrinsics is None else Intrinsics(*command.intrinsics)
     except InputError as error:
-        print(error)
-        return 1
-    report = validate_recording(config.folder, intrinsics, config.depth_scale)
-    _print(report, config.max_problems)
+        exit_with(error)
+    report = validate_recording(command.folder, intrinsics, command.depth_scale)
+    print_report(report, command.max_problems)
     return 0 if report.is_usable else 1
 
 
-def _print(report: "RecordingReport", max_problems: int) -> None:
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    console = Console()
+def print_report(report: RecordingReport, max_problems: int) -> None:
+    """Print a summary, at most so many problems, and what was assumed."""
     summary = Table(show_header=False, title=f"Recording {escape(str(report.folder))}")
     summary.add_row("layout", report.layout)
     summary.add_row("frames", f"{len(report.usable)} usable of {report.found}")
@@ -85,4 +85,4 @@ def _print(report: "RecordingReport", max_problems: int) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Config, description=__doc__)))
+    raise SystemExit(main())

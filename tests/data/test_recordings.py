@@ -134,7 +134,7 @@ def test_iplanner_images_are_paired_by_number_when_one_is_missing(tmp_path):
 
 
 def test_camera_tilt_is_the_inverse_of_camera_pose():
-    from iwalker_jax.data.recordings.source import camera_tilt
+    from iwalker_jax.data.recordings.metadata import camera_tilt
 
     R_base_camera, _ = camera_pose(CameraMount(pitch=0.33, roll=-0.2).as_array())
     np.testing.assert_allclose(camera_tilt(np.asarray(R_base_camera)), [0.33, -0.2], atol=1e-6)

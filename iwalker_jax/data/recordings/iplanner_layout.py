@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 
 from iwalker_jax.data.recordings.depth_png import png_size
-from iwalker_jax.data.recordings.report import FileProblem
-from iwalker_jax.data.recordings.source import (
-    RecordingSource,
+from iwalker_jax.data.recordings.metadata import (
+    RecordingMetadata,
     camera_heading,
     camera_tilt,
     read_numbers,
     rotation_from_quaternion,
     sorted_images,
 )
+from iwalker_jax.data.recordings.report import FileProblem
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 
@@ -23,7 +23,7 @@ INTRINSICS = "depth_intrinsic.txt"
 EXTRINSICS = "camera_extrinsic.txt"
 
 
-def read_iplanner_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None) -> RecordingSource:
+def read_iplanner_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None) -> RecordingMetadata:
     """Metadata of a folder in iPlanner's layout.
 
     odom_ground_truth.txt has a line [x, y, z, qx, qy, qz, qw] an image: the robot's body in a world with z up.
@@ -49,9 +49,9 @@ def read_iplanner_layout(folder: Path, intrinsics: Intrinsics | None, depth_scal
         assumptions.append("iPlanner's layout names no depth scale: one unit is taken as 1 mm.")
     if intrinsics is None:
         intrinsics = _intrinsics(folder, present)
-    source = RecordingSource("iplanner", folder, images, intrinsics, depth_scale, assumptions=assumptions)
+    metadata = RecordingMetadata("iplanner", folder, images, intrinsics, depth_scale, assumptions=assumptions)
     if len(present) != len(rows):
-        source.problems.append(
+        metadata.problems.append(
             FileProblem(ODOMETRY, f"has {len(rows)} poses for {len(present)} images; they are paired by number.")
         )
     p_body_camera, R_body_camera = _extrinsics(folder)
@@ -68,7 +68,7 @@ def read_iplanner_layout(folder: Path, intrinsics: Intrinsics | None, depth_scal
         mounts[row] = [math.nan, pitch, roll, forward, left]
     rolls = mounts[np.isfinite(mounts[:, 2]), 2]
     if rolls.size and np.median(np.abs(rolls)) > math.pi / 2:
-        source.upside_down = True
+        metadata.upside_down = True
         mounts[:, 2] -= math.pi * np.sign(mounts[:, 2])
         assumptions.append("By its extrinsics the camera was mounted upside down: images are turned by 180 degrees.")
     pitches = mounts[np.isfinite(mounts[:, 1]), 1]
@@ -78,8 +78,8 @@ def read_iplanner_layout(folder: Path, intrinsics: Intrinsics | None, depth_scal
             "pose of the optical frame (z forward), not of the camera's housing."
         )
     assumptions.append("The base is taken to face along the camera's optical axis.")
-    source.poses, source.mounts = poses, mounts
-    return source
+    metadata.poses, metadata.mounts = poses, mounts
+    return metadata
 
 
 def _intrinsics(folder: Path, images: list[Path]) -> Intrinsics:

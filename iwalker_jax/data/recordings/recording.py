@@ -13,8 +13,8 @@ from jaxtyping import Array, Float, Float32
 from iwalker_jax.data.recordings import iplanner_layout, yaml_layout
 from iwalker_jax.data.recordings.depth_png import read_depth_png
 from iwalker_jax.data.recordings.iplanner_layout import read_iplanner_layout
+from iwalker_jax.data.recordings.metadata import RecordingMetadata, check_intrinsics
 from iwalker_jax.data.recordings.report import FileProblem, RecordingReport
-from iwalker_jax.data.recordings.source import RecordingSource, check_intrinsics
 from iwalker_jax.data.recordings.tum_layout import read_tum_layout
 from iwalker_jax.data.recordings.yaml_layout import read_yaml_layout
 from iwalker_jax.errors import InputError
@@ -34,20 +34,20 @@ class Recording:
 
     Attributes:
         report: what the validator found.
-        source: metadata of the usable frames.
+        metadata: of the usable frames.
         mounts: (N, 5) camera mounts as in `CameraMount`.
         poses: (N, 3) [x m, y m, yaw rad] of the base in the world; None if the recording has none.
         goals: (N, 2) [m] in each frame's base frame; None if the recording has none.
     """
 
     report: RecordingReport
-    source: RecordingSource
+    metadata: RecordingMetadata
     mounts: Float32[np.ndarray, "n 5"]
     poses: Float32[np.ndarray, "n 3"] | None
     goals: Float32[np.ndarray, "n 2"] | None
 
     def __len__(self) -> int:
-        return len(self.source.images)
+        return len(self.metadata.images)
 
     def depth_frames(self) -> Float32[np.ndarray, "n 90 160"]:
         """All frames through the canonical camera [m], 0 = no return; not yet cleaned (`clean_depth`).
@@ -56,9 +56,9 @@ class Recording:
             InputError: if a file has gone bad since the recording was validated.
         """
         frames = np.empty((len(self), CANONICAL.height, CANONICAL.width), np.float32)
-        for row, path in enumerate(self.source.images):
+        for row, path in enumerate(self.metadata.images):
             try:
-                frames[row] = _canonical_frame(self.source, path)
+                frames[row] = _canonical_frame(self.metadata, path)
             except InputError as error:
                 raise InputError(f"{path} {error}") from None
         return frames
@@ -100,34 +100,34 @@ def _examine(
     try:
         layout = _recognise(folder)
         readers = {"yaml": read_yaml_layout, "tum": read_tum_layout, "iplanner": read_iplanner_layout}
-        source = readers[layout](folder, intrinsics, depth_scale)
-        check_intrinsics(source.intrinsics)
-        depth_from_uint16(np.zeros((1, 1), np.uint16), source.depth_scale)
-        if not source.images:
+        metadata = readers[layout](folder, intrinsics, depth_scale)
+        check_intrinsics(metadata.intrinsics)
+        depth_from_uint16(np.zeros((1, 1), np.uint16), metadata.depth_scale)
+        if not metadata.images:
             raise InputError("It holds no PNG depth images.")
     except InputError as error:
         return RecordingReport(folder, layout, fatal=str(error)), None
-    found = len(source.images)
-    source, fits = _keep_usable(source)
+    found = len(metadata.images)
+    metadata, fits = _keep_usable(metadata)
     report = RecordingReport(
         folder,
         layout,
         found,
-        tuple(_name(source, path) for path in source.images),
-        tuple(source.problems),
-        tuple(source.assumptions),
-        intrinsics=source.intrinsics,
-        depth_scale=source.depth_scale,
+        tuple(_name(metadata, path) for path in metadata.images),
+        tuple(metadata.problems),
+        tuple(metadata.assumptions),
+        intrinsics=metadata.intrinsics,
+        depth_scale=metadata.depth_scale,
     )
-    if not source.images:
+    if not metadata.images:
         first = report.problems[-found]
         fatal = f"None of its {found} images is usable. The first: {first.file} {first.problem}"
         return replace(report, fatal=fatal), None
-    mounts, assumption = _mounts(source.mounts, fits)
+    mounts, assumption = _mounts(metadata.mounts, fits)
     median = tuple(float(value) for value in np.median(mounts, axis=0))
     report = replace(report, assumptions=(*report.assumptions, *assumption), mount=median)
-    poses, goals = (None if table is None else table.astype(np.float32) for table in (source.poses, source.goals))
-    return report, Recording(report, source, mounts.astype(np.float32), poses, goals)
+    poses, goals = (None if table is None else table.astype(np.float32) for table in (metadata.poses, metadata.goals))
+    return report, Recording(report, metadata, mounts.astype(np.float32), poses, goals)
 
 
 def _recognise(folder: Path) -> str:
@@ -147,44 +147,44 @@ def _recognise(folder: Path) -> str:
     )
 
 
-def _keep_usable(source: RecordingSource) -> tuple[RecordingSource, Float[np.ndarray, "n 4"]]:
-    """The source with only its usable frames, and their floor fits [height, pitch, roll, valid]."""
-    kept, fits, problems = [], [], list(source.problems)
-    if source.poses is not None and not np.isfinite(source.poses).all(axis=1).any():
+def _keep_usable(metadata: RecordingMetadata) -> tuple[RecordingMetadata, Float[np.ndarray, "n 4"]]:
+    """The metadata with only its usable frames, and their floor fits [height, pitch, roll, valid]."""
+    kept, fits, problems = [], [], list(metadata.problems)
+    if metadata.poses is not None and not np.isfinite(metadata.poses).all(axis=1).any():
         problems.append(FileProblem("poses", "are not finite or not close in time for any image; they are left out."))
-        source = replace(source, poses=None, mounts=None if source.layout == "iplanner" else source.mounts)
-    for row, path in enumerate(source.images):
+        metadata = replace(metadata, poses=None, mounts=None if metadata.layout == "iplanner" else metadata.mounts)
+    for row, path in enumerate(metadata.images):
         try:
-            frame = _canonical_frame(source, path)
-            _check_row(source, row)
+            frame = _canonical_frame(metadata, path)
+            _check_row(metadata, row)
         except InputError as error:
-            problems.append(FileProblem(_name(source, path), str(error)))
+            problems.append(FileProblem(_name(metadata, path), str(error)))
             continue
         kept.append(row)
         fit = _fit(frame)
         fits.append([float(fit.height), float(fit.pitch), float(fit.roll), float(fit.valid)])
     usable = replace(
-        source,
-        images=[source.images[row] for row in kept],
-        poses=None if source.poses is None else source.poses[kept],
-        mounts=None if source.mounts is None else source.mounts[kept],
-        goals=None if source.goals is None else source.goals[kept],
+        metadata,
+        images=[metadata.images[row] for row in kept],
+        poses=None if metadata.poses is None else metadata.poses[kept],
+        mounts=None if metadata.mounts is None else metadata.mounts[kept],
+        goals=None if metadata.goals is None else metadata.goals[kept],
         problems=problems,
     )
     return usable, np.array(fits).reshape(-1, 4)
 
 
-def _check_row(source: RecordingSource, row: int) -> None:
+def _check_row(metadata: RecordingMetadata, row: int) -> None:
     """Refuse a frame whose pose or goal is unknown; a recorded mount may lack its height, which is fitted."""
-    for table, what in ((source.poses, "pose"), (source.goals, "goal")):
+    for table, what in ((metadata.poses, "pose"), (metadata.goals, "goal")):
         if table is not None and not np.isfinite(table[row]).all():
             raise InputError(f"has no finite {what} (none recorded for it, none close in time, or not a number).")
 
 
-def _canonical_frame(source: RecordingSource, path: Path) -> Float[Array, "90 160"]:
-    intrinsics = source.intrinsics
-    depth = read_depth_png(path, source.depth_scale, (intrinsics.width, intrinsics.height))
-    if source.upside_down:
+def _canonical_frame(metadata: RecordingMetadata, path: Path) -> Float[Array, "90 160"]:
+    intrinsics = metadata.intrinsics
+    depth = read_depth_png(path, metadata.depth_scale, (intrinsics.width, intrinsics.height))
+    if metadata.upside_down:
         depth = depth[::-1, ::-1]
         intrinsics = replace(
             intrinsics, cx=intrinsics.width - 1 - intrinsics.cx, cy=intrinsics.height - 1 - intrinsics.cy
@@ -212,20 +212,20 @@ def _mounts(
     default = np.array([CameraMount.height, CameraMount.pitch, CameraMount.roll])
     median = np.median(fits[valid, :3], axis=0) if valid.any() else default
     share = f"the floor was found in {int(valid.sum())} of {len(fits)} frames"
-    source = f"fitted ({share})" if valid.any() else f"taken from the default mount ({share})"
+    origin = f"fitted ({share})" if valid.any() else f"taken from the default mount ({share})"
     if recorded is not None:
         mounts = np.where(np.isfinite(recorded), recorded, 0.0)
         mounts[:, 0] = median[0]
-        return mounts, (f"The camera's height, {median[0]:.2f} m, is {source}.",)
+        return mounts, (f"The camera's height, {median[0]:.2f} m, is {origin}.",)
     near = valid & (np.abs(fits[:, :3] - median) <= _MAX_MOUNT_DEVIATION).all(axis=1)
     tilt = np.where(near[:, None], fits[:, :3], median)
     mounts = np.concatenate([tilt, np.zeros((len(fits), 2))], axis=1)
     degrees = np.degrees(median[1:])
     return mounts, (
-        f"The camera's mount is {source}: median height {median[0]:.2f} m, pitch {degrees[0]:.1f} degrees down, roll "
+        f"The camera's mount is {origin}: median height {median[0]:.2f} m, pitch {degrees[0]:.1f} degrees down, roll "
         f"{degrees[1]:.1f} degrees; it is taken to sit above the base's origin.",
     )
 
 
-def _name(source: RecordingSource, path: Path) -> str:
-    return str(path.relative_to(source.folder)) if path.is_relative_to(source.folder) else str(path)
+def _name(metadata: RecordingMetadata, path: Path) -> str:
+    return str(path.relative_to(metadata.folder)) if path.is_relative_to(metadata.folder) else str(path)

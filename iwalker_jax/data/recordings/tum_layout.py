@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from iwalker_jax.data.recordings.report import FileProblem
-from iwalker_jax.data.recordings.source import (
-    RecordingSource,
+from iwalker_jax.data.recordings.metadata import (
+    RecordingMetadata,
     camera_heading,
     read_numbers,
     rotation_from_quaternion,
     sorted_images,
 )
+from iwalker_jax.data.recordings.report import FileProblem
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 
@@ -25,7 +25,7 @@ MAX_TIME_GAP = 0.05
 """[s] between a depth image and the nearest recorded pose."""
 
 
-def read_tum_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None) -> RecordingSource:
+def read_tum_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None) -> RecordingMetadata:
     """Metadata of a TUM RGB-D folder.
 
     depth.txt has lines `stamp file`; without it the images' names are their stamps. groundtruth.txt has lines
@@ -47,14 +47,16 @@ def read_tum_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: fl
         depth_scale = DEPTH_SCALE
         assumptions.append("The TUM layout names no depth scale: 5000 units are taken as 1 m.")
     stamps, images = _listed_images(folder)
-    source = RecordingSource("tum", folder, images, intrinsics, depth_scale, assumptions=assumptions)
+    metadata = RecordingMetadata("tum", folder, images, intrinsics, depth_scale, assumptions=assumptions)
     present = len(list((folder / "depth").glob("*.png")))
     if present != len(images):
-        source.problems.append(FileProblem("depth.txt", f"lists {len(images)} images but the folder holds {present}."))
+        metadata.problems.append(
+            FileProblem("depth.txt", f"lists {len(images)} images but the folder holds {present}.")
+        )
     if (folder / "groundtruth.txt").is_file():
-        source.poses = _poses(source, stamps)
+        metadata.poses = _poses(metadata, stamps)
         assumptions.append("The base is taken to stand below the camera and to face along its optical axis.")
-    return source
+    return metadata
 
 
 def _listed_images(folder: Path) -> tuple[np.ndarray, list[Path]]:
@@ -80,9 +82,9 @@ def _listed_images(folder: Path) -> tuple[np.ndarray, list[Path]]:
         raise InputError("depth.txt is missing and the images' names are not time stamps; add depth.txt.") from None
 
 
-def _poses(source: RecordingSource, stamps: np.ndarray) -> np.ndarray:
+def _poses(metadata: RecordingMetadata, stamps: np.ndarray) -> np.ndarray:
     """(n, 3) planar poses; NaN for images without a pose close in time."""
-    table = np.array(read_numbers(source.folder / "groundtruth.txt", (8,), "time stamps and poses")).reshape(-1, 8)
+    table = np.array(read_numbers(metadata.folder / "groundtruth.txt", (8,), "time stamps and poses")).reshape(-1, 8)
     poses = np.full((len(stamps), 3), np.nan)
     if len(table) == 0:
         return poses

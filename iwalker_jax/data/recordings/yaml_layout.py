@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from iwalker_jax.data.recordings.metadata import RecordingMetadata, read_numbers, sorted_images
 from iwalker_jax.data.recordings.report import FileProblem
-from iwalker_jax.data.recordings.source import RecordingSource, read_numbers, sorted_images
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 
@@ -18,7 +18,7 @@ _INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 _MOUNT = ("height", "pitch_deg", "roll_deg", "forward", "left")
 
 
-def read_yaml_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None) -> RecordingSource:
+def read_yaml_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None) -> RecordingMetadata:
     """Metadata of a folder with a `recording.yaml`, or of a bare folder of images whose intrinsics are given.
 
     Keys of the file: `intrinsics` {width, height, fx, fy, cx, cy} [px]; `depth_scale` [m per unit, 0.001 if absent];
@@ -46,12 +46,12 @@ def read_yaml_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: f
             depth_scale = 0.001
             assumptions.append("No depth scale is given: one unit is taken as 1 mm.")
     images = sorted_images(_image_folder(folder, content))
-    source = RecordingSource("yaml", folder, images, intrinsics, depth_scale, assumptions=assumptions)
+    metadata = RecordingMetadata("yaml", folder, images, intrinsics, depth_scale, assumptions=assumptions)
     if "mount" in content:
-        source.mounts = np.tile(_mount(content["mount"]), (len(images), 1))
-    source.poses = _rows(source, content, "poses", 3, "x y yaw of each frame")
-    source.goals = _rows(source, content, "goals", 2, "x y of each frame's goal")
-    return source
+        metadata.mounts = np.tile(_mount(content["mount"]), (len(images), 1))
+    metadata.poses = _rows(metadata, content, "poses", 3, "x y yaw of each frame")
+    metadata.goals = _rows(metadata, content, "goals", 2, "x y of each frame's goal")
+    return metadata
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
@@ -115,13 +115,13 @@ def _image_folder(folder: Path, content: dict[str, Any]) -> Path:
     return folder / "depth" if (folder / "depth").is_dir() else folder
 
 
-def _rows(source: RecordingSource, content: dict[str, Any], key: str, width: int, what: str) -> np.ndarray | None:
+def _rows(metadata: RecordingMetadata, content: dict[str, Any], key: str, width: int, what: str) -> np.ndarray | None:
     """(n, width) rows of `poses` or `goals`; NaN where the file has fewer rows than images."""
     if content.get(key) is None:
         return None
     entry = content[key]
     if isinstance(entry, str):
-        rows, file = read_numbers(source.folder / entry, (width,), what), entry
+        rows, file = read_numbers(metadata.folder / entry, (width,), what), entry
     else:
         file = FILE_NAME
         try:
@@ -130,9 +130,9 @@ def _rows(source: RecordingSource, content: dict[str, Any], key: str, width: int
             raise InputError(
                 f"{FILE_NAME}: {key} must be rows of {width} numbers or the name of a text file."
             ) from None
-    count = len(source.images)
+    count = len(metadata.images)
     if len(rows) != count:
-        source.problems.append(
+        metadata.problems.append(
             FileProblem(file, f"has {len(rows)} {key} for {count} images; they must match one to one.")
         )
     table = np.full((count, width), np.nan)

@@ -14,7 +14,7 @@ from iwalker_jax.perception.camera import Intrinsics
 
 
 @dataclass
-class RecordingSource:
+class RecordingMetadata:
     """What a layout says about a recording, before any image is decoded. Arrays have one row an image.
 
     Attributes:
