@@ -16,7 +16,7 @@ from benchmarks.timing import timed  # noqa: E402
 from iwalker_jax.perception.camera import CameraMount, Intrinsics  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 from iwalker_jax.scenes.built.training_scenes import generate_scene  # noqa: E402
-from iwalker_jax.scenes.mjcf import load_scene, ray_depth  # noqa: E402
+from iwalker_jax.scenes.mjcf import load_mujoco_scene, mujoco_ray_depth  # noqa: E402
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose  # noqa: E402
 from iwalker_jax.scenes.scene import stack_scenes  # noqa: E402
 
@@ -30,7 +30,7 @@ def main() -> None:
     """Print the table."""
     scenes = [generate_scene(*key) for key in SCENES]
     arrays = [scene.arrays() for scene in scenes]
-    peers = [load_scene(scene) for scene in scenes]
+    peers = [load_mujoco_scene(scene) for scene in scenes]
     stacked = stack_scenes([scenes[i % len(scenes)] for i in range(BATCH)])
     mount = CameraMount().as_array()
     rng = np.random.default_rng(0)
@@ -70,8 +70,8 @@ def report(intrinsics: Intrinsics, arrays: list, peers: list, stacked: object, v
         ours.append(timed(single, arrays[i], R, p, repeats=REPEATS))
         model, data = peers[i]
         R_host, p_host = np.asarray(R), np.asarray(p)
-        theirs.append(timed(ray_depth, model, data, intrinsics, R_host, p_host, repeats=3))
-        peer = ray_depth(model, data, intrinsics, R_host, p_host)
+        theirs.append(timed(mujoco_ray_depth, model, data, intrinsics, R_host, p_host, repeats=3))
+        peer = mujoco_ray_depth(model, data, intrinsics, R_host, p_host)
         apart.append((abs(np.asarray(single(arrays[i], R, p)) - peer) > 1e-4).mean())
     own = [views[k % 4] for k in range(BATCH)]
     mixed = [views[4 * (k % len(arrays)) + (k // len(arrays)) % 4] for k in range(BATCH)]

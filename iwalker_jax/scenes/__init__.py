@@ -1,1 +1,67 @@
-"""The world, which knows no robot: solids, routes among them, rays, depth noise, export to MuJoCo."""
+"""The world, which knows no robot: solids, routes among them, rays, depth noise, export to MuJoCo.
+
+Scenes of a user's own files are in `iwalker_jax.scenes.imported`.
+"""
+
+from iwalker_jax.scenes.built.demonstration_scenes import DEMONSTRATION_NAMES, DemonstrationScene, demonstration_scene
+from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
+from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, HeldOutSequence, held_out_sequence
+from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene
+from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
+from iwalker_jax.scenes.mjcf import load_mujoco_scene, mujoco_ray_depth, scene_to_mjcf
+from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
+from iwalker_jax.scenes.routes import (
+    SCENE_GRID,
+    RouteMap,
+    RouteParameters,
+    cost_at,
+    free_cells,
+    route_map,
+    shortest_distance,
+    straight_line_clearance,
+)
+from iwalker_jax.scenes.scene import (
+    BOX_CAPACITY,
+    CYLINDER_CAPACITY,
+    MAX_EXTENT,
+    Scene,
+    SceneArrays,
+    obstacle_distance,
+    occupancy,
+    stack_scenes,
+)
+
+__all__ = [
+    "BOX_CAPACITY",
+    "CYLINDER_CAPACITY",
+    "DEMONSTRATION_NAMES",
+    "FAMILIES",
+    "MAX_EXTENT",
+    "SCENE_GRID",
+    "SEQUENCE_NAMES",
+    "DemonstrationScene",
+    "DepthNoise",
+    "HeldOutSequence",
+    "RouteMap",
+    "RouteParameters",
+    "Scene",
+    "SceneArrays",
+    "add_depth_noise",
+    "cost_at",
+    "demonstration_scene",
+    "free_cells",
+    "generate_scene",
+    "held_out_scene",
+    "held_out_sequence",
+    "load_mujoco_scene",
+    "mujoco_ray_depth",
+    "obstacle_distance",
+    "occupancy",
+    "render_depth",
+    "route_map",
+    "scene_to_mjcf",
+    "shortest_distance",
+    "stack_scenes",
+    "straight_line_clearance",
+    "world_camera_pose",
+]

@@ -51,15 +51,15 @@ def obstacle_geoms(scene: Scene) -> list[str]:
     return geoms
 
 
-def load_scene(scene: Scene) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """MuJoCo model and data of a scene, with kinematics computed, ready for `ray_depth`."""
+def load_mujoco_scene(scene: Scene) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """MuJoCo model and data of a scene, with kinematics computed, ready for `mujoco_ray_depth`."""
     model = mujoco.MjModel.from_xml_string(scene_to_mjcf(scene))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return model, data
 
 
-def ray_depth(
+def mujoco_ray_depth(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     intrinsics: Intrinsics,
@@ -70,7 +70,7 @@ def ray_depth(
     """z-depth image [m] of a loaded model by `mj_multiRay`; 0 where nothing lies within `max_depth`.
 
     Args:
-        model, data: as from `load_scene`.
+        model, data: as from `load_mujoco_scene`.
         intrinsics: of the image.
         R_world_camera, p_world_camera: camera pose (optical frame: x right, y down, z forward) in the world frame.
         max_depth: [m] along the optical axis.

@@ -1,1 +1,24 @@
 """What a robot is asked to do in an episode: a scene, a start and goals."""
+
+from iwalker_jax.tasks.generated import TaskSampling, generated_task, generated_tasks, training_task
+from iwalker_jax.tasks.named import TASK_NAMES, demonstration, named_task, sequence_task, tour_length
+from iwalker_jax.tasks.routes import comfortable_route, time_limit
+from iwalker_jax.tasks.task import GOAL_CAPACITY, Task, TaskArrays, stack_tasks
+
+__all__ = [
+    "GOAL_CAPACITY",
+    "TASK_NAMES",
+    "Task",
+    "TaskArrays",
+    "TaskSampling",
+    "comfortable_route",
+    "demonstration",
+    "generated_task",
+    "generated_tasks",
+    "named_task",
+    "sequence_task",
+    "stack_tasks",
+    "time_limit",
+    "tour_length",
+    "training_task",
+]

@@ -5,7 +5,7 @@ import numpy as np
 
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.scenes.built.training_scenes import generate_scene
-from iwalker_jax.scenes.mjcf import load_scene, ray_depth, scene_to_mjcf
+from iwalker_jax.scenes.mjcf import load_mujoco_scene, mujoco_ray_depth, scene_to_mjcf
 from iwalker_jax.scenes.scene import Scene
 
 LEVEL_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -14,7 +14,7 @@ LEVEL_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 def test_geoms_arrive_with_pose_and_size():
     """Oracle: the scene's own rows against MuJoCo's compiled model."""
     scene = generate_scene("meeting_room", 1)
-    model, data = load_scene(scene)
+    model, data = load_mujoco_scene(scene)
     assert model.ngeom == 2 + len(scene.boxes) + len(scene.cylinders)
     for i, row in enumerate(scene.boxes):
         geom = model.geom(f"box{i}").id
@@ -45,9 +45,9 @@ def test_depth_is_measured_along_the_optical_axis():
     wall = np.array([[3.0, 0.0, 1.0, 0.5, 9.0, 3.0, 0.0]])
     scene = Scene("t", "t", wall, np.empty((0, 5)), (-5.0, -5.0, 5.0, 5.0), None)
     K = Intrinsics(9, 7, 30.0, 30.0, 4.0, 3.0)
-    position, loaded = np.array([0.5, 0.0, 1.0]), load_scene(scene)
-    np.testing.assert_allclose(ray_depth(*loaded, K, LEVEL_CAMERA, position), 2.0, atol=1e-9)
-    assert (ray_depth(*loaded, K, LEVEL_CAMERA, position, max_depth=1.9) == 0).all()
+    position, loaded = np.array([0.5, 0.0, 1.0]), load_mujoco_scene(scene)
+    np.testing.assert_allclose(mujoco_ray_depth(*loaded, K, LEVEL_CAMERA, position), 2.0, atol=1e-9)
+    assert (mujoco_ray_depth(*loaded, K, LEVEL_CAMERA, position, max_depth=1.9) == 0).all()
     backwards = LEVEL_CAMERA @ np.diag([-1.0, 1.0, -1.0])
-    depth = ray_depth(*loaded, K, backwards, position, max_depth=50.0)
+    depth = mujoco_ray_depth(*loaded, K, backwards, position, max_depth=50.0)
     assert (depth[:4] == 0).all() and (depth[4:] > 5).all()

@@ -8,7 +8,7 @@ import pytest
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject
 from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
 from iwalker_jax.scenes.built.training_scenes import generate_scene
-from iwalker_jax.scenes.mjcf import load_scene, ray_depth
+from iwalker_jax.scenes.mjcf import load_mujoco_scene, mujoco_ray_depth
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
 from iwalker_jax.scenes.scene import Scene, obstacle_distance, stack_scenes
 
@@ -54,11 +54,11 @@ def test_depth_equals_mujoco_rays(family, precision):
         tolerance = 1e-4 if precision == "float32" else 1e-8
         for seed in range(2):
             scene = held_out_scene(seed) if family == "held_out" else generate_scene(family, seed)
-            model, data = load_scene(scene)
+            model, data = load_mujoco_scene(scene)
             arrays = scene.arrays()
             for R, p in random_views(scene, 4, seed):
                 ours = np.asarray(render(arrays, Intrinsics(), R, p))
-                theirs = ray_depth(model, data, Intrinsics(), np.asarray(R), np.asarray(p))
+                theirs = mujoco_ray_depth(model, data, Intrinsics(), np.asarray(R), np.asarray(p))
                 assert (ours > 0).mean() > 0.3
                 assert (abs(ours - theirs) > tolerance).mean() < 0.005
 
@@ -97,14 +97,14 @@ def test_exactly_vertical_and_level_rays(x):
     """Oracle: MuJoCo's rays and, on the axis, the heights by hand, from above, beside and inside a post and a table."""
     scene = make_scene([[2.0, 0.0, 0.6, 0.3, 0.4, 0.1, 0.0]], [[0.0, 0.0, 0.4, 0.5, 0.4]], ceiling=2.5)
     K = Intrinsics(11, 11, 3.0, 3.0, 5.0, 5.0)
-    model, data = load_scene(scene)
+    model, data = load_mujoco_scene(scene)
     down = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     up, level = down @ np.diag([1.0, -1.0, -1.0]), np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     for R in (down, up, level):
         for height in (1.0, 0.3):
             position = np.array([x, 0.0, height])
             ours = np.asarray(render(scene.arrays(), K, jnp.asarray(R, float), jnp.asarray(position, float)))
-            np.testing.assert_allclose(ours, ray_depth(model, data, K, R, position), atol=1e-4)
+            np.testing.assert_allclose(ours, mujoco_ray_depth(model, data, K, R, position), atol=1e-4)
             if height == 1.0 and R is down:
                 top = 0.8 if x < 0.5 else 0.7 if x > 1.7 else 0.0
                 np.testing.assert_allclose(ours[5, 5], 1.0 - top, atol=1e-5)

@@ -14,7 +14,7 @@ from iwalker_jax.scenes.imported.mesh_distance import mesh_clearance
 from iwalker_jax.scenes.imported.mjcf_solids import load_mjcf
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene
 from iwalker_jax.scenes.imported.voxel_boxes import sample_surface, voxel_boxes
-from iwalker_jax.scenes.mjcf import load_scene, ray_depth, scene_to_mjcf
+from iwalker_jax.scenes.mjcf import load_mujoco_scene, mujoco_ray_depth, scene_to_mjcf
 from iwalker_jax.tasks.named import demonstration
 
 CAMERA = Intrinsics(80, 45, 40.0, 40.0, 39.5, 22.0)
@@ -51,11 +51,11 @@ def mesh_model(mesh):
 
 def share_within(model, scene, poses, tolerance):
     """Share of the original's pixels whose depth the converted scene shows within a tolerance [m]."""
-    errors, converted = [], load_scene(scene)
+    errors, converted = [], load_mujoco_scene(scene)
     for pose in poses:
         rotation, position = camera_at(*pose)
-        original = ray_depth(*model, CAMERA, rotation, position)
-        errors.append(np.abs(ray_depth(*converted, CAMERA, rotation, position) - original))
+        original = mujoco_ray_depth(*model, CAMERA, rotation, position)
+        errors.append(np.abs(mujoco_ray_depth(*converted, CAMERA, rotation, position) - original))
     return np.mean(np.array(errors) <= tolerance)
 
 

@@ -35,7 +35,7 @@ class MjcfSolids:
 
 
 def load_mjcf(path: str | PathLike) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Model and data of an MJCF file with positions computed, ready for `ray_depth`.
+    """Model and data of an MJCF file with positions computed, ready for `mujoco_ray_depth`.
 
     Raises:
         InputError: there is no such file, or MuJoCo refuses it.
