@@ -1,69 +1,20 @@
 """One camera path through a scene: a route, base poses and camera mounts along it, noisy depth images, and goals."""
 
-from dataclasses import dataclass
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Float32, Int, Key
 
 from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
-from iwalker_jax.errors import InputError
+from iwalker_jax.data.goals import cells_that_reach, reachable_goals, route_costs, walkable_cells
+from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.geometry import host
-from iwalker_jax.geometry.body import BODY
-from iwalker_jax.perception.camera import CameraMount, Intrinsics
+from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, descend
 from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
-from iwalker_jax.scenes.routes import SCENE_GRID, free_cells, route_map
+from iwalker_jax.scenes.routes import SCENE_GRID
 from iwalker_jax.scenes.scene import Scene, SceneArrays, obstacle_distance
-
-
-@dataclass(frozen=True)
-class CameraPathSampling:
-    """How a camera is carried through a scene, and which goals are asked for.
-
-    Attributes:
-        frames_per_path: images along one route.
-        goals_per_frame: the route's end plus random reachable points.
-        min_route, max_route: [m] route lengths (cost-to-go along the comfortable route).
-        last_frame: [m] distance before the goal at which the recording ends.
-        height, height_spread: [m] camera height and its standard deviation from path to path.
-        pitch, pitch_spread: [rad] downward pitch and its spread from path to path.
-        roll_spread: [rad] mounting roll's spread from path to path.
-        sway_angle: [rad] gait sway in pitch and roll from image to image.
-        sway_height: [m] gait sway of the height.
-        forward: [m] of the camera ahead of the COM, and sway_position: [m] of the COM's gait sway about it, both axes.
-        heading_spread: [rad] departure of the heading from the route.
-        lateral_spread: [m] departure of the position from the route.
-        goal_radius: [m] random goals lie at most this far away.
-        min_clearance: [m] distance to obstacles at every recorded pose.
-    """
-
-    frames_per_path: int = 5
-    goals_per_frame: int = 6
-    min_route: float = 3.0
-    max_route: float = 9.0
-    last_frame: float = 1.0
-    height: float = CameraMount.height
-    height_spread: float = 0.03
-    pitch: float = CameraMount.pitch
-    pitch_spread: float = 0.06
-    roll_spread: float = 0.02
-    sway_angle: float = 0.02
-    sway_height: float = 0.008
-    forward: float = CameraMount.forward
-    sway_position: float = 0.012
-    heading_spread: float = 0.25
-    lateral_spread: float = 0.08
-    goal_radius: float = 6.0
-    min_clearance: float = BODY.route_radius
-
-    def __post_init__(self) -> None:
-        if self.frames_per_path < 1 or self.goals_per_frame < 1:
-            raise InputError("A camera path needs at least one frame and one goal per frame.")
-        if not 0 < self.last_frame < self.min_route < self.max_route:
-            raise InputError("CameraPathSampling needs 0 < last_frame < min_route < max_route [m].")
 
 
 def record_camera_path(
@@ -72,7 +23,7 @@ def record_camera_path(
     sampling: CameraPathSampling = CameraPathSampling(),
     intrinsics: Intrinsics = Intrinsics(),
     noise: DepthNoise | None = DepthNoise(),
-    route: np.ndarray | None = None,
+    route: Float[np.ndarray, "points 2"] | None = None,
 ) -> FrameSet | None:
     """Frames of one path through a scene, from a random start to a random reachable goal; None without such a route.
 
@@ -86,7 +37,7 @@ def record_camera_path(
     """
     rng = np.random.default_rng(seed)
     arrays = scene.arrays()
-    free = np.asarray(_free_cells(arrays))
+    free = np.asarray(walkable_cells(arrays))
     origin = np.asarray(arrays.bounds[:2])
     if free.sum() < 50:
         return None
@@ -108,33 +59,18 @@ def record_camera_path(
     return FrameSet(depth_to_millimetres(depth), mounts, goals, poses, np.zeros(n, np.int32), (scene.name,))
 
 
-def cells_that_reach(scene: Scene, goal: np.ndarray) -> np.ndarray:
-    """Free cells of `SCENE_GRID` from which a goal [m, world] can be reached."""
-    arrays = scene.arrays()
-    costs = np.asarray(_route_costs(arrays, jnp.asarray(goal, jnp.float32)))
-    return np.asarray(_free_cells(arrays)) & (costs < UNREACHABLE)
-
-
 @jax.jit
-def _free_cells(scene: SceneArrays) -> Array:
-    return free_cells(scene)
-
-
-@jax.jit
-def _route_costs(scene: SceneArrays, goal: Float[Array, " 2"]) -> Array:
-    return route_map(scene, goal).cost
-
-
-@jax.jit
-def _descend(cost: Float[Array, "rows columns"], start: Float[Array, " 2"]) -> Array:
+def _descend(cost: Float[Array, "rows columns"], start: Float[Array, " 2"]) -> Float[Array, "steps 2"]:
     return descend(cost, SCENE_GRID, start, 2 * max(SCENE_GRID.shape))
 
 
 _clearance = jax.jit(obstacle_distance)
 
 
-def _render(scene: SceneArrays, intrinsics: Intrinsics, poses: Array, mounts: Array) -> Array:
-    def one(pose: Array, mount: Array) -> Array:
+def _render(
+    scene: SceneArrays, intrinsics: Intrinsics, poses: Float[Array, "n 3"], mounts: Float[Array, "n 5"]
+) -> Float[Array, "n height width"]:
+    def one(pose: Float[Array, " 3"], mount: Float[Array, " 5"]) -> Float[Array, "height width"]:
         rotation, position = world_camera_pose(pose, mount)
         return render_depth(scene, intrinsics, rotation, position)
 
@@ -145,7 +81,9 @@ render_path = jax.jit(_render, static_argnames="intrinsics")
 """Ideal depth images [m] of one scene from (n, 3) base poses and (n, 5) mounts."""
 
 
-def _add_noise(keys: Array, depth: Array, noise: DepthNoise, intrinsics: Intrinsics) -> Array:
+def _add_noise(
+    keys: Key[Array, " n"], depth: Float[Array, "n height width"], noise: DepthNoise, intrinsics: Intrinsics
+) -> Float[Array, "n height width"]:
     return jax.vmap(lambda key, image: add_depth_noise(key, image, noise, intrinsics))(keys, depth)
 
 
@@ -154,13 +92,17 @@ add_path_noise = jax.jit(_add_noise, static_argnames=("noise", "intrinsics"))
 
 
 def _random_route(
-    arrays: SceneArrays, free: np.ndarray, origin: np.ndarray, rng: np.random.Generator, sampling: CameraPathSampling
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """A smoothed random route (n, 2) [m, world] and the cells from which its goal can be reached."""
+    arrays: SceneArrays,
+    free: Bool[np.ndarray, "rows columns"],
+    origin: Float[np.ndarray, " 2"],
+    rng: np.random.Generator,
+    sampling: CameraPathSampling,
+) -> tuple[Float[np.ndarray, "points 2"], Bool[np.ndarray, "rows columns"]] | None:
+    """A smoothed random route [m, world] and the cells from which its goal can be reached."""
     cells = np.argwhere(free)
     for _ in range(5):
         goal = _cell_centre(cells[rng.integers(len(cells))], origin)
-        cost = _route_costs(arrays, jnp.asarray(goal, jnp.float32))
+        cost = route_costs(arrays, jnp.asarray(goal, jnp.float32))
         values = np.asarray(cost)
         starts = np.argwhere(free & (values > sampling.min_route) & (values < sampling.max_route))
         if len(starts) == 0:
@@ -181,14 +123,14 @@ def _random_route(
     return None
 
 
-def _cell_centre(cell: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def _cell_centre(cell: Int[np.ndarray, " 2"], origin: Float[np.ndarray, " 2"]) -> Float[np.ndarray, " 2"]:
     return origin + (cell + 0.5) * SCENE_GRID.resolution
 
 
 def _poses_along(
-    route: np.ndarray, rng: np.random.Generator, sampling: CameraPathSampling, arrays: SceneArrays
-) -> np.ndarray:
-    """(n, 3) base poses: evenly along the route with random phase, looking half a metre ahead."""
+    route: Float[np.ndarray, "points 2"], rng: np.random.Generator, sampling: CameraPathSampling, arrays: SceneArrays
+) -> Float32[np.ndarray, "n 3"]:
+    """Base poses: evenly along the route with random phase, looking half a metre ahead."""
     n = sampling.frames_per_path
     usable = max(host.arc_length(route)[-1] - sampling.last_frame, 0.1)
     at = (np.arange(n) + rng.uniform(0.0, 1.0)) / n * usable
@@ -205,49 +147,10 @@ def _poses_along(
     return np.column_stack([position, heading]).astype(np.float32)
 
 
-def _mounts(n: int, rng: np.random.Generator, sampling: CameraPathSampling) -> np.ndarray:
-    """(n, 5) camera mounts: one height, pitch and roll a path, and the gait's sway in every image."""
+def _mounts(n: int, rng: np.random.Generator, sampling: CameraPathSampling) -> Float32[np.ndarray, "n 5"]:
+    """Camera mounts: one height, pitch and roll a path, and the gait's sway in every image."""
     height = rng.normal(sampling.height, sampling.height_spread) + rng.normal(0.0, sampling.sway_height, n)
     pitch = rng.normal(sampling.pitch, sampling.pitch_spread) + rng.normal(0.0, sampling.sway_angle, n)
     roll = rng.normal(0.0, sampling.roll_spread) + rng.normal(0.0, sampling.sway_angle, n)
     place = np.array([sampling.forward, 0.0]) + rng.normal(0.0, sampling.sway_position, (n, 2))
     return np.column_stack([height, pitch, roll, place]).astype(np.float32)
-
-
-def reachable_goals(
-    poses: np.ndarray,
-    end: np.ndarray,
-    cells: np.ndarray,
-    origin: np.ndarray,
-    rng: np.random.Generator,
-    sampling: CameraPathSampling,
-) -> np.ndarray:
-    """(n, g, 2) goals in each frame's base frame: the route's end, then reachable cells, most of them ahead.
-
-    Args:
-        poses: (n, 3) base poses in the scene.
-        end: (2,) [m] the route's end.
-        cells: cells of `SCENE_GRID` that can be reached; origin: (2,) [m] of the grid in the scene.
-        rng: of the draws.
-        sampling: how many and how far.
-    """
-    candidates = np.argwhere(cells) * SCENE_GRID.resolution + origin + 0.5 * SCENE_GRID.resolution
-    goals = np.zeros((len(poses), sampling.goals_per_frame, 2), np.float32)
-    for i, (x, y, yaw) in enumerate(poses):
-        offset = candidates - (x, y)
-        R_base_world = host.planar_rotation(-yaw)
-        goals[i, 0] = R_base_world @ (end - (x, y))
-        local = offset @ R_base_world.T
-        distance = np.linalg.norm(local, axis=1)
-        near = (distance > 0.5) & (distance < sampling.goal_radius)
-        ahead = near & (np.abs(np.arctan2(local[:, 1], local[:, 0])) < np.radians(65))
-        for g in range(1, sampling.goals_per_frame):
-            pool = ahead if rng.uniform() < 0.85 and ahead.any() else near
-            if not pool.any():
-                goals[i, g] = goals[i, 0]
-                continue
-            # Area grows with distance; weighting by its inverse spreads the goals evenly over distances.
-            index = np.flatnonzero(pool)
-            weight = 1.0 / distance[index]
-            goals[i, g] = local[rng.choice(index, p=weight / weight.sum())]
-    return goals

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Float32, Int, UInt16
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.files import atomic_write, write_text
@@ -66,11 +67,11 @@ class FrameSet:
     def __len__(self) -> int:
         return len(self.depth)
 
-    def depth_metres(self) -> np.ndarray:
-        """(n, height, width) float32 [m]."""
+    def depth_metres(self) -> Float32[np.ndarray, "n height width"]:
+        """Depth [m]."""
         return self.depth.astype(np.float32) * np.float32(DEPTH_UNIT)
 
-    def select(self, index: np.ndarray) -> "FrameSet":
+    def select(self, index: Int[np.ndarray, " k"]) -> "FrameSet":
         """The frames at the given indices, in that order."""
         return FrameSet(
             self.depth[index],
@@ -108,8 +109,8 @@ def concatenate(parts: Sequence[FrameSet]) -> FrameSet:
     )
 
 
-def depth_to_millimetres(depth: np.ndarray) -> np.ndarray:
-    """uint16 [mm] of a float depth [m]; what is not finite, negative or beyond 65 m becomes 0 (no return)."""
+def depth_to_millimetres(depth: Float[np.ndarray, "*shape"]) -> UInt16[np.ndarray, "*shape"]:
+    """[mm] of a depth [m]; what is not finite, negative or beyond 65 m becomes 0 (no return)."""
     usable = np.isfinite(depth) & (depth > 0) & (depth < 65.0)
     return np.where(usable, np.round(np.where(usable, depth, 0.0) / DEPTH_UNIT), 0).astype(np.uint16)
 

@@ -10,9 +10,11 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from iwalker_jax.data.camera_path import CameraPathSampling, cells_that_reach, reachable_goals
 from iwalker_jax.data.frame_set import FrameSet, concatenate, depth_to_millimetres
+from iwalker_jax.data.goals import cells_that_reach, reachable_goals
+from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.camera import RobotCamera, camera_in_world, measured_mount
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
@@ -68,5 +70,5 @@ def frames_from_episodes(
 
 
 @jax.jit
-def _mounts(camera: RobotCamera, qpos: jax.Array, poses: jax.Array) -> jax.Array:
+def _mounts(camera: RobotCamera, qpos: Float[Array, "n nq"], poses: Float[Array, "n 3"]) -> Float[Array, "n 5"]:
     return jax.vmap(lambda q, pose: measured_mount(*camera_in_world(camera, q), pose))(qpos, poses)

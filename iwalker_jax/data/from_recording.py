@@ -6,7 +6,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
 from iwalker_jax.data.recordings import load_recording
@@ -81,14 +81,16 @@ def frames_from_recording(
 
 
 @jax.jit
-def _reachable(depth: Float[Array, "height width"], mount: Float[Array, " 5"]) -> Array:
+def _reachable(depth: Float[Array, "height width"], mount: Float[Array, " 5"]) -> Bool[Array, "rows columns"]:
     """Cells of the coarse grid that the robot can reach without leaving seen free space."""
     local = build_local_map(depth, mount, Intrinsics())
     free = (pool_2x2(local.known_free.astype(jnp.float32)) > 0.99) & (pool_2x2(local.esdf) > BODY.route_radius)
     return free & (cost_to_go(jnp.where(free, 1.0, jnp.inf), jnp.zeros(2), _GRID).value.cost < UNREACHABLE)
 
 
-def _sample_goals(reachable: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray | None:
+def _sample_goals(
+    reachable: Bool[np.ndarray, "rows columns"], count: int, rng: np.random.Generator
+) -> Float[np.ndarray, "count 2"] | None:
     centres = np.argwhere(reachable) * _GRID.resolution + 0.5 * _GRID.resolution + (_GRID.x_min, _GRID.y_min)
     distance = np.linalg.norm(centres, axis=1)
     index = np.flatnonzero((distance > _NEAREST_GOAL) & (distance < _FARTHEST_GOAL))

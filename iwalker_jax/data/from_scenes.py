@@ -4,8 +4,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from iwalker_jax.data.camera_path import CameraPathSampling, record_camera_path
+from iwalker_jax.data.camera_path import record_camera_path
 from iwalker_jax.data.frame_set import FrameSet, concatenate
+from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene

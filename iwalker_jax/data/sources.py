@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from iwalker_jax import __version__
-from iwalker_jax.data.camera_path import CameraPathSampling
 from iwalker_jax.data.frame_set import FrameSet, concatenate, load_frames, save_frames
 from iwalker_jax.data.from_recording import frames_from_recording
 from iwalker_jax.data.from_scenes import generate_training_frames
+from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.settings import default_cache_folder
 

@@ -163,7 +163,9 @@ def _camera_of(model: mujoco.MjModel, name: str) -> int:
     return index
 
 
-def _write_text(image: UInt8[np.ndarray, "height width 3"], lines: tuple[str, ...]) -> np.ndarray:
+def _write_text(
+    image: UInt8[np.ndarray, "height width 3"], lines: tuple[str, ...]
+) -> UInt8[np.ndarray, "height width 3"]:
     """Write lines of text into the upper left corner."""
     scale = image.shape[0] / 480
     for i, line in enumerate(lines):

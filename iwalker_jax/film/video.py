@@ -125,7 +125,7 @@ def play_motion(
             time.sleep(1 / 60)
 
 
-def _write_movie(frames: Iterator[np.ndarray], file: Path, fps: float) -> int:
+def _write_movie(frames: Iterator[UInt8[np.ndarray, "height width 3"]], file: Path, fps: float) -> int:
     first = next(frames)
     size = (first.shape[1], first.shape[0])
     codec = cv2.VideoWriter.fourcc(*_CODECS[file.suffix.lower()])
@@ -156,7 +156,7 @@ def _without_stderr() -> Iterator[None]:
             os.close(kept)
 
 
-def _write_gif(frames: Iterator[np.ndarray], file: Path, fps: float) -> int:
+def _write_gif(frames: Iterator[UInt8[np.ndarray, "height width 3"]], file: Path, fps: float) -> int:
     """One palette for all frames, taken from the first: quick, small and without flicker."""
     from PIL import Image
 

@@ -198,7 +198,7 @@ def _random_field(key: Key[Array, ""], shape: tuple[int, int], length: float) ->
     return vertical @ lattice @ horizontal.T
 
 
-def _kernel(size: int, length: float) -> np.ndarray:
+def _kernel(size: int, length: float) -> Float[np.ndarray, "{size} lattice"]:
     """(size, lattice) Gaussian interpolation weights; rows of unit norm keep the variance of white noise."""
     spacing = max(1.0, length)
     nodes = np.arange(-2, int(size / spacing) + 3) * spacing

@@ -106,7 +106,7 @@ class Scene:
         )
 
 
-def _padded(rows: np.ndarray, capacity: int) -> np.ndarray:
+def _padded(rows: Float[np.ndarray, "n k"], capacity: int) -> Float[np.ndarray, "{capacity} k"]:
     padded = np.zeros((capacity, rows.shape[1]))
     padded[:, 2] = _BURIED
     padded[: len(rows)] = rows

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bruce_model import load_mujoco
-from iwalker_jax.data.camera_path import CameraPathSampling
 from iwalker_jax.data.frame_set import concatenate
 from iwalker_jax.data.from_episodes import frames_from_episodes
+from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.camera import camera_in_world, load_camera
 from iwalker_jax.scenes.ray_casting import world_camera_pose

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from iwalker_jax.data.camera_path import CameraPathSampling, record_camera_path
+from iwalker_jax.data.camera_path import record_camera_path
 from iwalker_jax.data.from_scenes import generate_training_frames
+from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.scenes.built.training_scenes import generate_scene

@@ -2,7 +2,7 @@
 
 import pytest
 
-from iwalker_jax.data.camera_path import CameraPathSampling
+from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.body import BODY, BodyParameters
 from iwalker_jax.navigation.guide import GuidanceParameters

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from iwalker_jax.data.camera_path import CameraPathSampling
 from iwalker_jax.data.from_scenes import generate_training_frames
+from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.data.sources import DataConfig
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.planning.ipath import IPathConfig

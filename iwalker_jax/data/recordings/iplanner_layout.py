@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from iwalker_jax.data.recordings.depth_png import png_size
 from iwalker_jax.data.recordings.metadata import (
@@ -96,7 +97,9 @@ def _intrinsics(folder: Path, images: list[Path]) -> Intrinsics:
     raise InputError("No file in the subfolder depth is a PNG image.")
 
 
-def _paired(folder: Path, present: list[Path], rows: np.ndarray) -> tuple[list[Path], np.ndarray]:
+def _paired(
+    folder: Path, present: list[Path], rows: Float[np.ndarray, "m 7"]
+) -> tuple[list[Path], Float[np.ndarray, "n 7"]]:
     """(images, odometry rows), one to one.
 
     Equal counts are paired in order. Otherwise image n belongs to row n: a row without an image names the missing file,
@@ -116,7 +119,7 @@ def _paired(folder: Path, present: list[Path], rows: np.ndarray) -> tuple[list[P
     return [by_number.get(n, folder / "depth" / f"{n}.png") for n in numbers], np.array(poses)
 
 
-def _extrinsics(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+def _extrinsics(folder: Path) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, "3 3"]]:
     """(position [m], rotation) of the optical frame in the body."""
     rows = read_numbers(folder / EXTRINSICS, (7,), "camera pose in the body")
     if not rows:

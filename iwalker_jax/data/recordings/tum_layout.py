@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from iwalker_jax.data.recordings.metadata import (
     RecordingMetadata,
@@ -59,7 +60,7 @@ def read_tum_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: fl
     return metadata
 
 
-def _listed_images(folder: Path) -> tuple[np.ndarray, list[Path]]:
+def _listed_images(folder: Path) -> tuple[Float[np.ndarray, " n"], list[Path]]:
     """(stamps [s], image paths) of depth.txt, or of the images' own names."""
     listing = folder / "depth.txt"
     stamps, images = [], []
@@ -82,8 +83,8 @@ def _listed_images(folder: Path) -> tuple[np.ndarray, list[Path]]:
         raise InputError("depth.txt is missing and the images' names are not time stamps; add depth.txt.") from None
 
 
-def _poses(metadata: RecordingMetadata, stamps: np.ndarray) -> np.ndarray:
-    """(n, 3) planar poses; NaN for images without a pose close in time."""
+def _poses(metadata: RecordingMetadata, stamps: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    """Planar poses; NaN for images without a pose close in time."""
     table = np.array(read_numbers(metadata.folder / "groundtruth.txt", (8,), "time stamps and poses")).reshape(-1, 8)
     poses = np.full((len(stamps), 3), np.nan)
     if len(table) == 0:

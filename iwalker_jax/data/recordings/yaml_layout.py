@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from jaxtyping import Float
 
 from iwalker_jax.data.recordings.metadata import RecordingMetadata, read_numbers, sorted_images
 from iwalker_jax.data.recordings.report import FileProblem
@@ -79,7 +80,7 @@ def _intrinsics(content: dict[str, Any]) -> Intrinsics:
     return Intrinsics(int(values.pop("width")), int(values.pop("height")), **values)
 
 
-def _mount(entry: Any) -> np.ndarray:
+def _mount(entry: Any) -> Float[np.ndarray, " 5"]:
     """Camera mount array; what is not given is as in `CameraMount`, roll and left 0."""
     values = _fields(entry, "mount", _MOUNT, required=("height", "pitch_deg"))
     if not 0.05 < values["height"] < 5.0 or abs(values["pitch_deg"]) > 85.0 or abs(values.get("roll_deg", 0.0)) > 60.0:
@@ -115,8 +116,10 @@ def _image_folder(folder: Path, content: dict[str, Any]) -> Path:
     return folder / "depth" if (folder / "depth").is_dir() else folder
 
 
-def _rows(metadata: RecordingMetadata, content: dict[str, Any], key: str, width: int, what: str) -> np.ndarray | None:
-    """(n, width) rows of `poses` or `goals`; NaN where the file has fewer rows than images."""
+def _rows(
+    metadata: RecordingMetadata, content: dict[str, Any], key: str, width: int, what: str
+) -> Float[np.ndarray, "n width"] | None:
+    """Rows of `poses` or `goals`; NaN where the file has fewer rows than images."""
     if content.get(key) is None:
         return None
     entry = content[key]

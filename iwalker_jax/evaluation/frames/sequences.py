@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from flax import nnx
 
-from iwalker_jax.data.camera_path import CameraPathSampling, record_camera_path
+from iwalker_jax.data.camera_path import record_camera_path
 from iwalker_jax.data.frame_set import FrameSet, concatenate
+from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.frames.metrics import (
     PlanMetrics,

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.scenes.imported.mesh_solids import MESH_SUFFIXES, MeshSolids, read_mesh, recognise_solids
@@ -181,7 +181,7 @@ def _default_bounds(
 
 def _matters(
     centres: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, "n 2"], half: Float[np.ndarray, " n"], bounds: Bounds
-) -> np.ndarray:
+) -> Bool[np.ndarray, " n"]:
     """Whether solids rise above the floor and come within a metre of the bounds."""
     low, high = np.array(bounds[:2]) - 1, np.array(bounds[2:]) + 1
     near = ((centres[:, :2] + reach >= low) & (centres[:, :2] - reach <= high)).all(axis=1)
