@@ -28,7 +28,7 @@ BATCH = 64
 REPEATS = 7
 
 
-def test_maps(size: int, resolution: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def benchmark_maps(size: int, resolution: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Batches of costs by name; a dozen rectangles block the way in each. Noise bends routes at every cell."""
     blocked = np.zeros((BATCH, size, size), bool)
     for occupied in blocked:
@@ -97,7 +97,7 @@ def main() -> None:
         single = jax.jit(partial(cost_to_go, grid=grid))
         shapes = (jax.ShapeDtypeStruct((BATCH, *grid.shape), jnp.float32), goals)
         batched, taken = compiled(jax.jit(jax.vmap(partial(cost_to_go, grid=grid))), *shapes)
-        for name, maps in test_maps(size, grid.resolution, rng).items():
+        for name, maps in benchmark_maps(size, grid.resolution, rng).items():
             costs = jnp.asarray(maps)
             solution = batched(costs, goals)
             source = np.floor(np.asarray(solution.value.goal[0]) / grid.resolution).astype(int) @ [size, 1]

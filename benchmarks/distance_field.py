@@ -49,7 +49,7 @@ def single_cell(size: int, cell: int) -> np.ndarray:
     return occupied
 
 
-def test_maps(size: int) -> dict[str, np.ndarray]:
+def benchmark_maps(size: int) -> dict[str, np.ndarray]:
     """Batches of maps by name; a diagonal wall is the hardest for the row pass."""
     rng = np.random.default_rng(0)
     maps = {f"random {density:.1%}": rng.random((BATCH, size, size)) < density for density in DENSITIES}
@@ -91,7 +91,7 @@ def main() -> None:
     batched = jax.jit(jax.vmap(lambda occupied: signed_distance_field(occupied, RESOLUTION)))
     for size in SIZES:
         taken = compiled(single, jax.ShapeDtypeStruct((size, size), bool))[1]
-        for name, maps in test_maps(size).items():
+        for name, maps in benchmark_maps(size).items():
             first, device = jnp.asarray(maps[0]), jnp.asarray(maps)
             error = max(np.abs(np.asarray(field) - by_scipy(m)).max() for field, m in zip(batched(device), maps))
             error = max(error, np.abs(np.asarray(single(first)) - by_scipy(maps[0])).max())

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
+from iwalker_jax.geometry.body import BODY
 from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
 from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene
 from iwalker_jax.scenes.scene import Scene, SceneArrays
@@ -37,7 +38,7 @@ class TaskSampling:
 
     nearest: float = 2.0
     farthest: float = 6.0
-    blocked_clearance: float = 0.15
+    blocked_clearance: float = BODY.layout_radius
     most_detour: float = 2.0
     look_ahead: float = 0.7
     heading_spread: float = math.radians(35)

@@ -1,4 +1,4 @@
-"""Tasks with names: the three demonstrations and the walks through the four test sequences."""
+"""Tasks with names: the three demonstrations and the routes of the four test sequences."""
 
 import math
 
@@ -51,7 +51,7 @@ def demonstration(name: str, seed: int = 0) -> Task:
 
 
 def sequence_task(name: str, seed: int = 0) -> Task:
-    """The walk through the test sequence of a name in `SEQUENCE_NAMES`: from its route's first corner to its end.
+    """The test sequence of a name in `SEQUENCE_NAMES` as a task: from its route's first corner to its end.
 
     Args:
         name: of the test sequence.

@@ -1,4 +1,4 @@
-"""The four held-out test sequences: layouts designed by hand, each with a walking route to its goal."""
+"""The four held-out test sequences: layouts designed by hand, each with a route to its goal."""
 
 import math
 from collections.abc import Callable
@@ -28,11 +28,11 @@ from iwalker_jax.streams import SEQUENCE_FURNITURE
 
 @dataclass(frozen=True, eq=False)
 class HeldOutSequence:
-    """A test scene and the walk through it.
+    """A held-out scene and the route through it.
 
     Attributes:
         scene: the scene.
-        route: (n, 2) corners of a collision-free polyline [m] in the scene's frame; the walk starts at its first.
+        route: (n, 2) corners of a collision-free polyline [m] in the scene's frame; it starts at the first.
         goal: (x, y) [m], the route's end.
     """
 
