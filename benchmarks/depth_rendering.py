@@ -18,7 +18,7 @@ from iwalker_jax.runtime.devices import machine  # noqa: E402
 from iwalker_jax.scenes.built.training_scenes import generate_scene  # noqa: E402
 from iwalker_jax.scenes.mjcf import load_mujoco_scene, mujoco_ray_depth  # noqa: E402
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose  # noqa: E402
-from iwalker_jax.scenes.scene import stack_scenes  # noqa: E402
+from iwalker_jax.scenes.scene import SceneArrays, stack_scenes  # noqa: E402
 
 SIZES = ((160, 80), (160, 90), (320, 160), (640, 320))
 SCENES = (("living_room", 1), ("factory_hall", 0), ("open_office", 1), ("lobby", 0))
@@ -59,8 +59,21 @@ def main() -> None:
         )
 
 
-def report(intrinsics: Intrinsics, arrays: list, peers: list, stacked: object, views: list) -> None:
-    """Measure one image size and print its row."""
+def report(
+    intrinsics: Intrinsics,
+    arrays: list[SceneArrays],
+    peers: list[tuple[mujoco.MjModel, mujoco.MjData]],
+    stacked: SceneArrays,
+    views: list[tuple[int, jax.Array, jax.Array]],
+) -> None:
+    """Measure one image size and print its row.
+
+    Args:
+        intrinsics: of the images.
+        arrays, peers: the scenes here and in MuJoCo.
+        stacked: a batch of scenes.
+        views: (number of the scene, R_world_camera, p_world_camera).
+    """
     single = jax.jit(lambda s, R, p: render_depth(s, intrinsics, R, p))
     over_poses = jax.jit(jax.vmap(lambda s, R, p: render_depth(s, intrinsics, R, p), in_axes=(None, 0, 0)))
     over_scenes = jax.jit(jax.vmap(lambda s, R, p: render_depth(s, intrinsics, R, p)))
