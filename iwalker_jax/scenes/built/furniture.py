@@ -27,8 +27,8 @@ def desk(layout: Layout, width: float) -> Furniture:
     """A desk on side panels, often with a screen and a drawer unit; one sits at its local -x side."""
     height = layout.draw("table_height")
     depth = layout.uniform(0.65, 0.85)
-    has_screen = layout.uniform(0, 1) < 0.75
-    has_drawers = layout.uniform(0, 1) < 0.5
+    has_screen = layout.chance(0.75)
+    has_drawers = layout.chance(0.5)
 
     def build(out: Layout, at: Pose2D) -> None:
         out.box(at, depth, width, height - _SHEET, height)
@@ -64,7 +64,7 @@ def office_chair(layout: Layout) -> Furniture:
     """A swivel chair: crossed foot, gas spring, seat and back rest (at its local -x side)."""
     seat = layout.draw("seat_height") + 0.05
     side = layout.uniform(0.44, 0.52)
-    foot_turn = layout.uniform(0, math.pi / 2)
+    foot_turn = layout.uniform(0.0, math.pi / 2)
 
     def build(out: Layout, at: Pose2D) -> None:
         for turn in (foot_turn, foot_turn + math.pi / 2):
@@ -86,7 +86,7 @@ def shelf(layout: Layout, width: float, depth: float | None = None) -> Furniture
         (layout.uniform(-0.3, 0.3) * width, layout.uniform(0.15, 0.35) * width, layout.uniform(0.3, 0.8) * pitch)
         for _ in range(boards)
     ]
-    filled = [layout.uniform(0, 1) < 0.6 for _ in range(boards)]
+    filled = [layout.chance(0.6) for _ in range(boards)]
 
     def build(out: Layout, at: Pose2D) -> None:
         for side in (-1, 1):
@@ -162,7 +162,7 @@ def barrel(layout: Layout) -> Furniture:
 def pillar(layout: Layout) -> Furniture:
     """A round or square pillar to the ceiling."""
     radius = layout.draw("pillar_radius")
-    is_round = layout.uniform(0, 1) < 0.6
+    is_round = layout.chance(0.6)
 
     def build(out: Layout, at: Pose2D) -> None:
         if is_round:
@@ -191,7 +191,7 @@ def waste_bin(layout: Layout) -> Furniture:
     """A waste bin, plant pot or stool: a low cylinder, sometimes with a plant's crown above."""
     radius = layout.uniform(0.13, 0.2)
     height = layout.uniform(0.3, 0.6)
-    has_plant = layout.uniform(0, 1) < 0.4
+    has_plant = layout.chance(0.4)
     crown = layout.uniform(0.18, 0.3)
 
     def build(out: Layout, at: Pose2D) -> None:
@@ -207,7 +207,7 @@ def clutter(layout: Layout) -> Furniture:
     """A carton, or two stacked askew."""
     length, width = layout.draw("clutter_size"), layout.draw("clutter_size")
     height = layout.uniform(0.15, 0.6)
-    upper = layout.uniform(0.15, 0.4) if layout.uniform(0, 1) < 0.35 else 0.0
+    upper = layout.uniform(0.15, 0.4) if layout.chance(0.35) else 0.0
     turn = layout.uniform(-0.5, 0.5)
 
     def build(out: Layout, at: Pose2D) -> None:
@@ -223,8 +223,8 @@ def staircase(layout: Layout, width: float, steps: int) -> Furniture:
     """A flight of solid steps that climbs along its local +x, with a handrail on one side."""
     rise, tread = layout.uniform(0.15, 0.19), layout.uniform(0.24, 0.31)
     length = steps * tread
-    rail_side = 1 if layout.uniform(0, 1) < 0.5 else -1
-    has_rail = layout.uniform(0, 1) < 0.7
+    rail_side = 1 if layout.chance(0.5) else -1
+    has_rail = layout.chance(0.7)
 
     def build(out: Layout, at: Pose2D) -> None:
         for i in range(steps):

@@ -79,11 +79,11 @@ def _oblique_hall(rng: np.random.Generator, style: Style) -> Layout:
 
 def _cut(layout: Layout, length: float, width: float) -> None:
     """A slanted partition across the hall: to the ceiling with a doorway, or chest-high and open at one end."""
-    lean = layout.uniform(0.25, 0.6) * (1 if layout.uniform(0, 1) < 0.5 else -1)
+    lean = layout.uniform(0.25, 0.6) * (1 if layout.chance(0.5) else -1)
     foot = layout.uniform(0.4, 0.6) * length - width / 2 * math.tan(lean)
     start = Pose2D(foot, 0.0, math.pi / 2 - lean)
     reach = width / math.cos(lean)
-    if layout.uniform(0, 1) < 0.6:
+    if layout.chance(0.6):
         door = layout.uniform(0.25, 0.75) * reach
         layout.wall(start.point(0.0, 0.0), start.point(reach, 0.0), ((door, layout.draw("door_width")),))
     else:

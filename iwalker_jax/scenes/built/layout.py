@@ -115,6 +115,10 @@ class Layout:
         """A uniform random number."""
         return float(self.rng.uniform(low, high))
 
+    def chance(self, probability: float) -> bool:
+        """True with a probability."""
+        return self.uniform(0.0, 1.0) < probability
+
     def box(self, pose: Pose2D, length: float, width: float, z_low: float, z_high: float) -> None:
         """Add a box centred at a pose: full sizes along the pose's x and y, and its lower and upper height [m]."""
         self.boxes.append(
@@ -178,7 +182,7 @@ class Layout:
             self._wall_piece(origin, done, centre - width / 2, 0.0, top)
             door_top = min(self.draw("door_height"), top - 0.1)
             self._wall_piece(origin, centre - width / 2, centre + width / 2, door_top, top)
-            if self.uniform(0, 1) < self.style.open_doors:
+            if self.chance(self.style.open_doors):
                 self._open_door(origin.moved(centre, 0.0), width, door_top - 0.02)
             self.reserve(origin.moved(centre, 0.0), width + 0.1, 2.0)
             done = centre + width / 2
@@ -187,7 +191,7 @@ class Layout:
 
     def _open_door(self, doorway: Pose2D, width: float, height: float) -> None:
         # Hinged on either jamb, opening to either side by at least a right angle: the doorway keeps its width.
-        jamb, swing = (1.0 if self.uniform(0, 1) < 0.5 else -1.0 for _ in range(2))
+        jamb, swing = (1.0 if self.chance(0.5) else -1.0 for _ in range(2))
         hinge = doorway.moved(jamb * (width / 2 + 0.03), swing * self.wall_thickness / 2)
         opened = swing * (math.pi / 2 - jamb * self.uniform(0.02, 0.5))
         leaf = hinge.moved(0.0, 0.0, opened).moved(width / 2, 0.0)

@@ -115,7 +115,7 @@ def joined_rooms(rng: np.random.Generator, style: Style) -> Layout:
         Rectangle(0.0, y + t, x - t, size.width),
         Rectangle(x + t, 0.0, size.x_max, size.width),
     ]
-    if layout.uniform(0, 1) < 0.5:
+    if layout.chance(0.5):
         reach = size.length - x
         layout.wall((x, y), (size.x_max, y), ((layout.uniform(0.3, 0.7) * reach, layout.draw("door_width")),))
     for room in rooms:
@@ -159,7 +159,7 @@ def slalom(rng: np.random.Generator, style: Style) -> Layout:
     room = Rectangle(0.0, 0.0, length, width)
     layout = Layout(rng, style, room.bounds)
     enclose(layout, room, {"west": ((0.5, layout.draw("door_width")),), "east": ((0.5, layout.draw("door_width")),)})
-    side = 1.0 if layout.uniform(0, 1) < 0.5 else -1.0
+    side = 1.0 if layout.chance(0.5) else -1.0
     x = layout.uniform(1.4, 2.0)
     while x < length - 1.2:
         reach = width - layout.uniform(0.8, 1.15)

@@ -48,15 +48,15 @@ def open_office(rng: np.random.Generator, style: Style) -> Layout:
     line_walls(layout, room, [lambda layout: shelf(layout, 0.9), lambda layout: cabinet(layout, 0.8, 0.45, 1.1)], 2)
     width = layout.uniform(1.2, 1.6)
     aisle = layout.uniform(1.1, 1.6)
-    back_to_back = layout.uniform(0, 1) < 0.6
+    back_to_back = layout.chance(0.6)
     x = room.x_min + layout.uniform(1.0, 1.8)
     placed = 0
     while x < room.x_max - 1.2:
         y = room.y_min + layout.uniform(0.7, 1.4)
         while y + width < room.y_max - 0.5:
-            if placed < 8 and layout.uniform(0, 1) < 0.8:
+            if placed < 8 and layout.chance(0.8):
                 placed += _workplaces(layout, Pose2D(x, y + width / 2), width, back_to_back)
-            y += width + (0.05 if layout.uniform(0, 1) < 0.5 else aisle)
+            y += width + (0.05 if layout.chance(0.5) else aisle)
         x += (2.9 if back_to_back else 1.7) + layout.uniform(0.5, 0.9)
     scatter(layout, room.shrunk(0.5), [waste_bin, person, clutter], 4)
     dress_walls(layout, room, 4)
@@ -84,7 +84,7 @@ def meeting_room(rng: np.random.Generator, style: Style) -> Layout:
     turn = 0.0 if room.length < room.width else math.pi / 2
     at = room.centre.moved(layout.uniform(-0.4, 0.4), layout.uniform(-0.3, 0.3), turn + layout.uniform(-0.08, 0.08))
     layout.put(table(layout, length, width), at)
-    maker = chair if layout.uniform(0, 1) < 0.5 else office_chair
+    maker = chair if layout.chance(0.5) else office_chair
     seat_around(layout, at, length, width, maker, ends=True, share=0.85)
     line_walls(layout, room, [lambda layout: cabinet(layout, 1.4, 0.42, 0.8), lambda layout: shelf(layout, 0.8)], 2)
     line_walls(layout, room, [chair, waste_bin, clutter], 3)
@@ -106,7 +106,7 @@ def living_room(rng: np.random.Generator, style: Style) -> Layout:
     reach = low.length / 2 + layout.uniform(0.35, 0.6)
     layout.put(sofa(layout, layout.uniform(1.6, 2.2)), at.moved(-reach - 0.45, 0.0))
     for left in (-1, 1):
-        if layout.uniform(0, 1) < 0.6:
+        if layout.chance(0.6):
             beside = at.moved(0.1, left * (low.width / 2 + layout.uniform(0.85, 1.1)), -left * math.pi / 2)
             layout.put(sofa(layout, layout.uniform(0.8, 0.95)), beside)
     line_walls(
@@ -136,14 +136,14 @@ def kitchen(rng: np.random.Generator, style: Style) -> Layout:
         along = 0.02
         end = layout.uniform(0.55, 1.0) * (room.length if side == "south" else room.width)
         while (width := layout.uniform(0.5, 0.95)) + along < end:
-            is_tall = layout.uniform(0, 1) < 0.2
+            is_tall = layout.chance(0.2)
             at = pose_at_wall(room, side, along + width / 2, 0.315)
             piece = cabinet(layout, width, 0.6, layout.uniform(1.8, 2.0) if is_tall else 0.9)
-            if layout.put(piece, at) and not is_tall and layout.uniform(0, 1) < 0.7:
+            if layout.put(piece, at) and not is_tall and layout.chance(0.7):
                 layout.box(at.moved(-0.13, 0.0), 0.34, width, 1.4, 2.05)
             along += width + 0.005
     at = room.centre.moved(layout.uniform(0.2, 0.6), layout.uniform(0.2, 0.6))
-    if layout.uniform(0, 1) < 0.45:
+    if layout.chance(0.45):
         layout.put(cabinet(layout, layout.uniform(1.2, 1.8), layout.uniform(0.6, 0.9), 0.92), at, 0.3)
         scatter(layout, room.shrunk(0.5), [waste_bin], 3, gap=0.05)
     else:
@@ -164,9 +164,9 @@ def warehouse(rng: np.random.Generator, style: Style) -> Layout:
     while y + depth < room.y_max - 0.3:
         x = room.x_min + layout.uniform(1.0, 1.8)
         while x + length < room.x_max - 0.9:
-            if layout.uniform(0, 1) < 0.85 and len(layout.boxes) < 84:
+            if layout.chance(0.85) and len(layout.boxes) < 84:
                 layout.put(rack(layout, length, depth), Pose2D(x + length / 2, y + depth / 2, math.pi / 2))
-            x += length + (0.05 if layout.uniform(0, 1) < 0.7 else layout.uniform(0.9, 1.4))
+            x += length + (0.05 if layout.chance(0.7) else layout.uniform(0.9, 1.4))
         y += depth + aisle
     scatter(layout, room.shrunk(0.5), [clutter, clutter, barrel, person], 7, gap=0.3)
     dress_walls(layout, room, 3)

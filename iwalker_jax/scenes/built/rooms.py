@@ -94,7 +94,7 @@ def line_walls(layout: Layout, room: Rectangle, makers: Sequence[Maker], count: 
         furniture = _choose(layout, makers)(layout)
         for _ in range(12):
             side = SIDES[layout.rng.integers(4)]
-            if put_against_wall(layout, room, furniture, side, layout.uniform(0, 1)):
+            if put_against_wall(layout, room, furniture, side, layout.uniform(0.0, 1.0)):
                 break
 
 
@@ -124,7 +124,7 @@ def dress_walls(layout: Layout, room: Rectangle, count: int) -> None:
         length = math.dist(*room.side(side))
         width = layout.uniform(0.3, min(1.4, 0.5 * length))
         along = layout.uniform(width / 2, length - width / 2)
-        kind = layout.uniform(0, 1)
+        kind = layout.uniform(0.0, 1.0)
         if kind < 0.45:
             pose, depth, z_low, z_high = pose_at_wall(room, side, along, 0.02), 0.04, 0.9, 1.6
         elif kind < 0.8:
@@ -149,7 +149,7 @@ def seat_around(
     if ends:
         spots += [(0.0, -width / 2, math.pi / 2), (0.0, width / 2, -math.pi / 2)]
     for forward, left, yaw in spots:
-        if layout.uniform(0, 1) > share:
+        if layout.uniform(0.0, 1.0) > share:
             continue
         furniture = maker(layout)
         turn = layout.uniform(-0.35, 0.35)
