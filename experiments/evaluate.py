@@ -41,7 +41,7 @@ from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.runtime.devices import machine
-from iwalker_jax.runtime.processes import ProcessGroup, barrier, exit_process, is_first, leave
+from iwalker_jax.runtime.processes import ProcessGroup, barrier, exit_process, is_first
 from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES
 from iwalker_jax.training.config import TrainConfig
 
