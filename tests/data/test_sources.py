@@ -7,7 +7,7 @@ from iwalker_jax.data import sources
 from iwalker_jax.data.frame_set import FrameSet
 from iwalker_jax.data.sources import DataConfig, cache_file, load_training_frames
 from iwalker_jax.errors import InputError
-from iwalker_jax.training.config import config_from_dict
+from iwalker_jax.training.config_dict import config_from_dict
 
 SOURCE = DataConfig(frames=3, seed=7)
 
