@@ -3,7 +3,7 @@
 Run with `python -m benchmarks.depth_rendering`.
 """
 
-from iwalker_jax.runtime.settings import configure_runtime
+from iwalker_jax.runtime import configure_runtime
 
 configure_runtime()
 
@@ -13,12 +13,17 @@ import mujoco  # noqa: E402
 import numpy as np  # noqa: E402
 
 from benchmarks.timing import timed  # noqa: E402
-from iwalker_jax.perception.camera import CameraMount, Intrinsics  # noqa: E402
-from iwalker_jax.runtime.devices import machine  # noqa: E402
-from iwalker_jax.scenes.built.training_scenes import generate_scene  # noqa: E402
-from iwalker_jax.scenes.mjcf import load_mujoco_scene, mujoco_ray_depth  # noqa: E402
-from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose  # noqa: E402
-from iwalker_jax.scenes.scene import SceneArrays, stack_scenes  # noqa: E402
+from iwalker_jax.perception import CameraMount, Intrinsics  # noqa: E402
+from iwalker_jax.runtime import machine  # noqa: E402
+from iwalker_jax.scenes import (  # noqa: E402
+    SceneArrays,
+    generate_scene,
+    load_mujoco_scene,
+    mujoco_ray_depth,
+    render_depth,
+    stack_scenes,
+    world_camera_pose,
+)
 
 SIZES = ((160, 80), (160, 90), (320, 160), (640, 320))
 SCENES = (("living_room", 1), ("factory_hall", 0), ("open_office", 1), ("lobby", 0))

@@ -2,7 +2,7 @@
 
 import sys
 
-from iwalker_jax.runtime.settings import configure_runtime
+from iwalker_jax.runtime import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
@@ -23,12 +23,16 @@ from rich.table import Table
 from experiments.shared.console import console, exit_with, say
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import pyplot, save_figure
-from iwalker_jax.perception.camera import CameraMount, Intrinsics
+from iwalker_jax.perception import CameraMount, Intrinsics
 from iwalker_jax.perception.depth_cleanup import depth_from_uint16
-from iwalker_jax.scenes.built.training_scenes import generate_scene
-from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
-from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
-from iwalker_jax.scenes.scene import obstacle_distance
+from iwalker_jax.scenes import (
+    DepthNoise,
+    add_depth_noise,
+    generate_scene,
+    obstacle_distance,
+    render_depth,
+    world_camera_pose,
+)
 
 RANGES = ((0.5, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 5.0))
 """[m] bins of the temporal standard deviation."""

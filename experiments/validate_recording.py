@@ -2,7 +2,7 @@
 
 import sys
 
-from iwalker_jax.runtime.settings import configure_runtime
+from iwalker_jax.runtime import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
@@ -17,9 +17,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from experiments.shared.console import console, exit_with, require_at_least
-from iwalker_jax.data.recordings import RecordingReport, validate_recording
+from iwalker_jax.data import RecordingReport, validate_recording
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,18 @@ from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
 from iwalker_jax.data.goals import cells_that_reach, reachable_goals, route_costs, walkable_cells
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.geometry import host
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, descend
-from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
-from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
-from iwalker_jax.scenes.routes import SCENE_GRID
-from iwalker_jax.scenes.scene import Scene, SceneArrays, obstacle_distance
+from iwalker_jax.scenes import (
+    SCENE_GRID,
+    DepthNoise,
+    Scene,
+    SceneArrays,
+    add_depth_noise,
+    obstacle_distance,
+    render_depth,
+    world_camera_pose,
+)
 
 
 def record_camera_path(

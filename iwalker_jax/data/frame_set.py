@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, UInt16
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.files import atomic_write, write_text
+from iwalker_jax.runtime import atomic_write, write_text
 
 DEPTH_UNIT = 0.001
 """[m] stored depth unit: depth images rest as uint16 millimetres, as the sensors deliver them."""

@@ -18,7 +18,7 @@ from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.camera import RobotCamera, camera_in_world, measured_mount
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
-from iwalker_jax.tasks.task import Task
+from iwalker_jax.tasks import Task
 
 
 def frames_from_episodes(

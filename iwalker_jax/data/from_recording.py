@@ -13,10 +13,9 @@ from iwalker_jax.data.recordings import load_recording
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
 from iwalker_jax.geometry.body import BODY
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics, build_local_map
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
 from iwalker_jax.perception.grid import DEFAULT_GRID, halved, pool_2x2
-from iwalker_jax.perception.local_map import build_local_map
 
 _GRID = halved(DEFAULT_GRID)
 _NEAREST_GOAL, _FARTHEST_GOAL = 0.6, 6.0

@@ -8,9 +8,8 @@ from iwalker_jax.data.camera_path import record_camera_path
 from iwalker_jax.data.frame_set import FrameSet, concatenate
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene
-from iwalker_jax.scenes.depth_noise import DepthNoise
+from iwalker_jax.perception import Intrinsics
+from iwalker_jax.scenes import FAMILIES, DepthNoise, generate_scene
 from iwalker_jax.streams import TRAINING_LAYOUTS, mixed_seed
 
 

@@ -8,8 +8,7 @@ from jaxtyping import Array, Bool, Float, Float32
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.geometry import host
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
-from iwalker_jax.scenes.routes import SCENE_GRID, free_cells, route_map
-from iwalker_jax.scenes.scene import Scene, SceneArrays
+from iwalker_jax.scenes import SCENE_GRID, Scene, SceneArrays, free_cells, route_map
 
 
 def cells_that_reach(scene: Scene, goal: Float[np.ndarray, " 2"]) -> Bool[np.ndarray, "rows columns"]:

@@ -12,7 +12,7 @@ from iwalker_jax.data.from_recording import frames_from_recording
 from iwalker_jax.data.from_scenes import generate_training_frames
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.settings import default_cache_folder
+from iwalker_jax.runtime import default_cache_folder
 
 GENERATOR = 1
 """Raised whenever the same seed would give other frames, so that cached ones are made anew."""

@@ -25,7 +25,7 @@ from iwalker_jax.film.rendering import (
     render_frames,
     set_configuration,
 )
-from iwalker_jax.runtime.files import atomic_write
+from iwalker_jax.runtime import atomic_write
 
 _VIEW = (1.8, 130.0, -15.0)
 """Distance [m], azimuth and elevation [deg] from which the viewer first looks at the base."""

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.perception.depth_cleanup import check_image_size
 
 

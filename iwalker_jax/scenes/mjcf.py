@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.scenes.scene import Scene
 
 _RAY_CUTOFF = 1e6

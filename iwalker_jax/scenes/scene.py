@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.norms import safe_sqrt
+from iwalker_jax.geometry import safe_sqrt
 
 BOX_CAPACITY = 128
 CYLINDER_CAPACITY = 64

@@ -10,9 +10,7 @@ from jaxtyping import Float
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
 from iwalker_jax.geometry.body import BODY
-from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
-from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene
-from iwalker_jax.scenes.scene import Scene, SceneArrays
+from iwalker_jax.scenes import FAMILIES, Scene, SceneArrays, generate_scene, held_out_scene
 from iwalker_jax.streams import HELD_OUT_TASKS, TRAINING_TASKS, Stream
 from iwalker_jax.tasks.named import GOAL_CLEARANCE, START_CLEARANCE
 from iwalker_jax.tasks.routes import (

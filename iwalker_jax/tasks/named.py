@@ -5,9 +5,7 @@ import math
 import numpy as np
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.scenes.built.demonstration_scenes import DEMONSTRATION_NAMES, demonstration_scene
-from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, held_out_sequence
-from iwalker_jax.scenes.scene import Scene
+from iwalker_jax.scenes import DEMONSTRATION_NAMES, SEQUENCE_NAMES, Scene, demonstration_scene, held_out_sequence
 from iwalker_jax.streams import NAMED_TASKS
 from iwalker_jax.tasks.routes import clearances, leg_lengths, single_precision, time_limit
 from iwalker_jax.tasks.task import Task

@@ -9,8 +9,8 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.geometry.host import polyline_length
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, descend
+from iwalker_jax.scenes import Scene, SceneArrays, obstacle_distance
 from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS, SCENE_GRID, cost_at, route_map
-from iwalker_jax.scenes.scene import Scene, SceneArrays, obstacle_distance
 
 PACE = 0.25
 """[m/s] at which time limits assume a robot to walk."""

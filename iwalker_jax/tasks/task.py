@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.scenes.scene import Scene, SceneArrays, stack_scenes
+from iwalker_jax.scenes import Scene, SceneArrays, stack_scenes
 
 GOAL_CAPACITY = 6
 """Goals of one task at most, so that the tasks of a batch have one shape."""

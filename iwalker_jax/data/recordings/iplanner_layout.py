@@ -17,7 +17,7 @@ from iwalker_jax.data.recordings.metadata import (
 )
 from iwalker_jax.data.recordings.report import FileProblem
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics
 
 ODOMETRY = "odom_ground_truth.txt"
 INTRINSICS = "depth_intrinsic.txt"

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from iwalker_jax.data.recordings.report import FileProblem
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics
 
 
 @dataclass

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from iwalker_jax.data.recordings.metadata import (
 )
 from iwalker_jax.data.recordings.report import FileProblem
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics
 
 DEPTH_SCALE = 1.0 / 5000.0
 """[m] per unit of the benchmark's depth images."""

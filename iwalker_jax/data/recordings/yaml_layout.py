@@ -11,7 +11,7 @@ from jaxtyping import Float
 from iwalker_jax.data.recordings.metadata import RecordingMetadata, read_numbers, sorted_images
 from iwalker_jax.data.recordings.report import FileProblem
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.camera import CameraMount, Intrinsics
+from iwalker_jax.perception import CameraMount, Intrinsics
 
 FILE_NAME = "recording.yaml"
 _KEYS = {"intrinsics", "depth_scale", "mount", "poses", "goals", "depth"}
