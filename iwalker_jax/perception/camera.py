@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from iwalker_jax.checks import require_range
 from iwalker_jax.errors import InputError
 
 
@@ -63,6 +64,11 @@ class CameraMount:
     roll: float = 0.0
     forward: float = 0.028
     left: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_range(self, "height", 0.01, 10.0, "m")
+        require_range(self, "pitch", -math.pi / 2, math.pi / 2, "rad")
+        require_range(self, "roll", -math.pi, math.pi, "rad")
 
     def as_array(self) -> Float[Array, " 5"]:
         """[height, pitch, roll, forward, left], the array form that jitted functions take."""

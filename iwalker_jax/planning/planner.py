@@ -3,15 +3,21 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
 from flax import nnx
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.splines import hermite_path
+from iwalker_jax.perception.camera import CameraMount
+from iwalker_jax.perception.depth_cleanup import check_depth_image
 from iwalker_jax.planning.ipath import IPath, IPathConfig
 from iwalker_jax.planning.istepper import IStepper, IStepperConfig
-from iwalker_jax.planning.robot_state import RobotState, StepGeometry
+from iwalker_jax.planning.robot_state import RobotState, StepGeometry, next_foot, standing_state
+from iwalker_jax.planning.split_module import SplitModule, split_module
 
 PATH_POINTS = 100
 """Points of a path, as published: the unicycle's horizon."""
@@ -27,39 +33,78 @@ class PlannerConfig:
 
 
 class Plan(NamedTuple):
-    """What the planner says for a batch of frames.
+    """What the planner says; without the batch axis for a single frame.
 
     Attributes:
         path: (batch, 100, 2) [m] base frame, from the origin, uniform in the spline's parameter.
         waypoints: (batch, k, 2) [m] the spline's knots after the origin.
         fear: (batch,) logit of the path meeting an obstacle.
-        footsteps: (batch, m, 2) [m] the next footsteps; `footstep_sides` says which are left.
+        footsteps: (batch, m, 2) [m] the next footsteps, right and left in turn.
+        first_swing: (batch,) int32, the foot of the first footstep: 0 right, 1 left.
     """
 
-    path: Float[Array, "batch n 2"]
-    waypoints: Float[Array, "batch k 2"]
-    fear: Float[Array, " batch"]
-    footsteps: Float[Array, "batch m 2"]
+    path: Float[Array, "*batch n 2"]
+    waypoints: Float[Array, "*batch k 2"]
+    fear: Float[Array, "*batch"]
+    footsteps: Float[Array, "*batch m 2"]
+    first_swing: Int[Array, "*batch"]
 
 
 class Planner(nnx.Module):
     """iPath followed by iStepper."""
 
-    def __init__(self, config: PlannerConfig, rngs: nnx.Rngs):
+    def __init__(self, config: PlannerConfig, rngs: nnx.Rngs) -> None:
         self.config = config
         self.ipath = IPath(config.ipath, rngs)
         self.istepper = IStepper(config.istepper, config.steps, rngs)
 
     def __call__(
         self,
-        depth: Float[Array, "batch h w"],
-        goal: Float[Array, "batch 2"],
-        state: RobotState,
-        mount: Float[Array, "batch 5"] | None = None,
+        depth: npt.ArrayLike,
+        goal: npt.ArrayLike,
+        state: RobotState | None = None,
+        mount: CameraMount | npt.ArrayLike | None = None,
     ) -> Plan:
-        """Plan for a batch of depth images [m] (0 = no return), goals [m] in base, robot states and camera mounts."""
+        """Plan for one depth image, or for a batch of them: `plan = planner(depth, goal)`.
+
+        JAX and NumPy arrays and lists do. A single frame is compiled at the first call; batches are for the caller to
+        compile. Both are pure functions that `jit`, `vmap` and `grad` take.
+
+        Args:
+            depth: (h, w) or (batch, h, w) z-depth [m] of the configured size; 0, negative, NaN and inf: no return.
+            goal: (2,) or (batch, 2) [m] in the base frame (x forward, y left), at any distance.
+            state: of the robot or robots; one that stands still, left foot first, if left out.
+            mount: a `CameraMount`, or (5,) or (batch, 5) of them as arrays; the configured nominal mount if left out.
+
+        Returns:
+            The plan, with a batch axis if the depth had one.
+
+        Raises:
+            InputError: for shapes that do not fit each other or the configuration, and depth that is not
+                floating-point metres; millimetres and degrees are recognised in a single frame outside `jit`.
+        """
+        depth, goal = _as_array(depth), _as_array(goal, floating=True)
+        batch = depth.shape[:-2]
+        if len(batch) > 1 or depth.ndim < 2:
+            config = self.config.ipath
+            raise InputError(
+                f"The planner takes depth of shape ({config.height}, {config.width}), or (batch, {config.height}, "
+                f"{config.width}), got {depth.shape}."
+            )
+        if isinstance(mount, CameraMount):
+            mount = jnp.broadcast_to(mount.as_array(), (*batch, 5))
+        mount = None if mount is None else _as_array(mount, floating=True)
+        if state is None:
+            standing = standing_state(self.config.steps)
+            state = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (*batch, *leaf.shape)), standing)
+        state = RobotState(*(_as_array(leaf, floating=True) for leaf in state))
+        _check_state(state, batch)
+        if not batch:
+            _check_values(depth, mount)
+            _check(depth[None], goal[None], None if mount is None else mount[None], self.config.ipath)
+            return _plan_frame(split_module(self), depth, goal, state, mount)
         path, waypoints, fear = self.plan_path(depth, goal, mount)
-        return Plan(path, waypoints, fear, self.istepper(path, state))
+        return Plan(path, waypoints, fear, self.istepper(path, state), next_foot(state))
 
     def plan_path(
         self,
@@ -67,7 +112,7 @@ class Planner(nnx.Module):
         goal: Float[Array, "batch 2"],
         mount: Float[Array, "batch 5"] | None = None,
     ) -> tuple[Float[Array, "batch n 2"], Float[Array, "batch k 2"], Float[Array, " batch"]]:
-        """Path [m], waypoints [m] and fear logit: iPath alone, for the faster of the two loops.
+        """Path [m], waypoints [m] and fear logit of a batch: iPath alone, for the faster of the two loops.
 
         Raises:
             InputError: for depth that is not floating-point metres of the configured size, or other batch sizes.
@@ -75,6 +120,39 @@ class Planner(nnx.Module):
         _check(depth, goal, mount, self.config.ipath)
         waypoints, fear = self.ipath(depth, goal, mount)
         return waypoints_to_path(waypoints), waypoints, fear
+
+
+@jax.jit
+def _plan_frame(
+    network: SplitModule[Planner],
+    depth: Float[Array, "h w"],
+    goal: Float[Array, " 2"],
+    state: RobotState,
+    mount: Float[Array, " 5"] | None,
+) -> Plan:
+    """The plan for a batch of one, without its axis."""
+    rows = jax.tree.map(lambda leaf: leaf[None], (depth, goal, state, mount))
+    return jax.tree.map(lambda leaf: leaf[0], network.merge()(*rows))
+
+
+def _as_array(value: npt.ArrayLike, floating: bool = False) -> Array:
+    """A JAX array of anything that is one; a floating-point one on demand."""
+    array = jnp.asarray(value)
+    return array.astype(float) if floating and not jnp.issubdtype(array.dtype, jnp.floating) else array
+
+
+def _check_state(state: RobotState, batch: tuple[int, ...]) -> None:
+    for name, leaf, own in zip(state._fields, state, ((2,), (2,), (), ()), strict=True):
+        if leaf.shape != (*batch, *own):
+            raise InputError(f"RobotState.{name} has shape {leaf.shape}; these depth images need {(*batch, *own)}.")
+
+
+def _check_values(depth: Array, mount: Array | None) -> None:
+    """Refuse a single frame in millimetres and a mount in degrees; under a trace there are no values to look at."""
+    if not isinstance(depth, jax.core.Tracer):
+        check_depth_image(np.asarray(depth))
+    if mount is not None and mount.shape == (5,) and not isinstance(mount, jax.core.Tracer):
+        CameraMount(*np.asarray(mount).tolist())
 
 
 def _check(depth: Array, goal: Array, mount: Array | None, config: IPathConfig) -> None:
@@ -85,8 +163,8 @@ def _check(depth: Array, goal: Array, mount: Array | None, config: IPathConfig) 
         )
     if depth.ndim != 3 or depth.shape[1:] != (config.height, config.width):
         raise InputError(
-            f"The planner takes depth of shape (batch, {config.height}, {config.width}), got {depth.shape}; resize "
-            "with resize_depth, and give a single image a batch axis."
+            f"The planner takes depth images of {config.height} x {config.width} px, got an array of shape "
+            f"{depth.shape}; resize with resize_depth, and give plan_path a batch axis."
         )
     for name, value, size in (("goals", goal, 2), ("mounts", mount, 5)):
         if value is not None and value.shape != (depth.shape[0], size):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.steps.hlip import HlipParameters
@@ -53,6 +53,17 @@ class RobotState(NamedTuple):
         """The state of the mirror-image robot (left and right exchanged)."""
         flip = jnp.asarray([1.0, -1.0], self.com_from_stance.dtype)
         return RobotState(self.com_from_stance * flip, self.com_velocity * flip, -self.stance_side, self.time_in_step)
+
+
+def standing_state(geometry: StepGeometry) -> RobotState:
+    """A robot that stands still with its COM midway between its feet; the right foot is the stance foot, so that the
+    left one steps first."""
+    return RobotState(jnp.asarray([0.0, geometry.width / 2]), jnp.zeros(2), jnp.asarray(-1.0), jnp.asarray(0.0))
+
+
+def next_foot(state: RobotState) -> Int[Array, "*batch"]:
+    """The foot that steps next: 0 right, 1 left."""
+    return jnp.where(state.stance_side > 0, 0, 1).astype(jnp.int32)
 
 
 def pre_impact_planes(state: RobotState, hlip: HlipParameters) -> Float[Array, "2 3"]:

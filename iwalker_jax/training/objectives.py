@@ -10,6 +10,7 @@ from iwalker_jax.perception.grid import DEFAULT_GRID
 from iwalker_jax.perception.map_sampling import sample_smooth
 from iwalker_jax.planning.ipath import reduced_goal
 from iwalker_jax.planning.planner import Plan, Planner, waypoints_to_path
+from iwalker_jax.planning.robot_state import next_foot
 from iwalker_jax.training.baselines import heuristic_losses, heuristic_sum
 from iwalker_jax.training.batches import TrainingBatch
 from iwalker_jax.training.config import TrainConfig
@@ -37,7 +38,8 @@ def batch_losses(
     counts = path_terms["converged"] & step_terms["converged"]
     loss = jnp.mean(jnp.where(counts, path_loss + step_loss, 0.0))
     sums = {"U_path": path_loss, "U_step": step_loss, "total": loss}
-    return loss, (_means(path_terms | step_terms | sums), counts, Plan(path, waypoints, fear, footsteps))
+    plan = Plan(path, waypoints, fear, footsteps, next_foot(batch.state))
+    return loss, (_means(path_terms | step_terms | sums), counts, plan)
 
 
 def explore(
@@ -88,7 +90,7 @@ def policy_losses(
     loss = ppo_sum(policy, settings) + taught
     sums = {"U_step": step_loss, "total": loss}
     terms = _means(policy._asdict() | step_terms | sums)
-    return loss, (terms, counts, Plan(path, waypoints, fear, footsteps))
+    return loss, (terms, counts, Plan(path, waypoints, fear, footsteps, next_foot(batch.state)))
 
 
 def _path_loss(path: Array, fear: Array, batch: TrainingBatch, config: TrainConfig) -> tuple[Array, dict[str, Array]]:
