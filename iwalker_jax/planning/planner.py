@@ -40,7 +40,7 @@ class Plan(NamedTuple):
         waypoints: (batch, k, 2) [m] the spline's knots after the origin.
         fear: (batch,) logit of the path meeting an obstacle.
         footsteps: (batch, m, 2) [m] the next footsteps, right and left in turn.
-        first_swing: (batch,) int32, the foot of the first footstep: 0 right, 1 left.
+        first_swing: (batch,) int32, the foot that makes the first footstep, a `Side`: 0 right, 1 left.
     """
 
     path: Float[Array, "*batch n 2"]

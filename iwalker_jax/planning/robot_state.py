@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.sides import Side, side_sign
 from iwalker_jax.optimization.steps.hlip import HlipParameters
 
 
@@ -58,12 +59,13 @@ class RobotState(NamedTuple):
 def standing_state(geometry: StepGeometry) -> RobotState:
     """A robot that stands still with its COM midway between its feet; the right foot is the stance foot, so that the
     left one steps first."""
-    return RobotState(jnp.asarray([0.0, geometry.width / 2]), jnp.zeros(2), jnp.asarray(-1.0), jnp.asarray(0.0))
+    from_stance = jnp.asarray([0.0, -side_sign(Side.RIGHT) * geometry.width / 2])
+    return RobotState(from_stance, jnp.zeros(2), jnp.asarray(float(side_sign(Side.RIGHT))), jnp.asarray(0.0))
 
 
 def next_foot(state: RobotState) -> Int[Array, "*batch"]:
-    """The foot that steps next: 0 right, 1 left."""
-    return jnp.where(state.stance_side > 0, 0, 1).astype(jnp.int32)
+    """The foot that steps next, a `Side`."""
+    return jnp.where(state.stance_side > 0, Side.RIGHT, Side.LEFT).astype(jnp.int32)
 
 
 def pre_impact_planes(state: RobotState, hlip: HlipParameters) -> Float[Array, "2 3"]:

@@ -7,6 +7,7 @@ import pytest
 from flax import nnx
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.optimization.steps.hlip import HlipParameters
 from iwalker_jax.perception.camera import CameraMount
 from iwalker_jax.planning.ipath import IPathConfig
@@ -59,9 +60,9 @@ def test_a_standing_robot_has_its_com_midway_and_steps_with_the_left_foot_first(
     """Oracle: left feet stand at +width/2 of a path, and the right foot's stance side is -1."""
     state = standing_state(StepGeometry(width=0.12))
     np.testing.assert_allclose(-state.com_from_stance, [0.0, -0.06], atol=1e-7)
-    assert int(next_foot(state)) == 1 and int(next_foot(state.mirrored())) == 0
+    assert int(next_foot(state)) == Side.LEFT and int(next_foot(state.mirrored())) == Side.RIGHT
     plan = planner(frames[0][0], (3.0, 0.0))
-    assert int(plan.first_swing) == 1
+    assert int(plan.first_swing) == Side.LEFT
     to_left = np.asarray(plan.footsteps[:-1] - plan.footsteps[1:])
     heading = np.asarray(plan.path[-1] - plan.path[0])
     lateral = heading[0] * to_left[:, 1] - heading[1] * to_left[:, 0]
