@@ -19,7 +19,6 @@ import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 import optax  # noqa: E402
-from flax import nnx  # noqa: E402
 
 from benchmarks.timing import in_turns, timed  # noqa: E402
 from iwalker_jax.data.frame_set import DEPTH_UNIT, FrameSet  # noqa: E402
@@ -37,7 +36,7 @@ from iwalker_jax.training.train_step import (  # noqa: E402
     initial_state,
     make_optimiser,
     make_train_step,
-    planner_graph,
+    planner_structure,
 )
 
 FRAMES = 64
@@ -85,10 +84,10 @@ class NetworkAndAdam:
 
 def network_gradient(config: TrainConfig) -> Callable:
     """(params, batch) -> ((loss, plan), gradient) of both networks under a trivial loss."""
-    graph = planner_graph(config)
+    planner = planner_structure(config)
 
     def loss(params: Any, batch: TrainingBatch) -> tuple:
-        plan = nnx.merge(graph, params)(batch.depth, batch.goal, batch.state, batch.mount)
+        plan = planner.with_params(params).merge()(batch.depth, batch.goal, batch.state, batch.mount)
         return jnp.sum(plan.path) + jnp.sum(plan.fear) + jnp.sum(plan.footsteps), plan
 
     return jax.value_and_grad(loss, has_aux=True)

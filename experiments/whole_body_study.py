@@ -16,7 +16,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
-from flax import nnx
 
 from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.train import prepare_data
@@ -29,6 +28,7 @@ from iwalker_jax.evaluation.tables import Column, Table, aligned_text, legend
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning.split_module import SplitModule, split_module
 from iwalker_jax.tasks.generated import generated_tasks
 from iwalker_jax.tasks.task import Task
 from iwalker_jax.training.batches import TrainingBatch, gather_batch
@@ -96,17 +96,16 @@ def trained(label: str, config: TrainConfig, data: TrainingData, folder: Path) -
 def footstep_terms(planner: Planner, data: TrainingData, config: TrainConfig) -> WholeBodyLosses:
     """Means of the whole-body losses over the footsteps of some frames, each with a robot state of its own."""
     controlled, width = load_controlled_robot(), config.models.steps.width
-    graph, params = nnx.split(planner, nnx.Param)
     index = jnp.arange(min(FRAMES, data.depth.shape[0]))
     models = config.models
     batch = gather_batch(data, index, jax.random.key(1), False, models.steps, models.hlip)
 
     @jax.jit
-    def terms(params: nnx.State, batch: TrainingBatch) -> WholeBodyLosses:
-        footsteps = nnx.merge(graph, params)(batch.depth, batch.goal, batch.state, batch.mount).footsteps
+    def terms(network: SplitModule[Planner], batch: TrainingBatch) -> WholeBodyLosses:
+        footsteps = network.merge()(batch.depth, batch.goal, batch.state, batch.mount).footsteps
         return jax.vmap(lambda steps, state: whole_body_losses(controlled, steps, state, width))(footsteps, batch.state)
 
-    return jax.tree.map(lambda values: np.mean(np.asarray(values)), terms(params, batch))
+    return jax.tree.map(lambda values: np.mean(np.asarray(values)), terms(split_module(planner), batch))
 
 
 def episode_rows(planner: Planner, command: Command, tasks: Sequence[Task], shortest: Sequence[float]) -> list[dict]:

@@ -91,20 +91,22 @@ class Planner(nnx.Module):
                 f"The planner takes depth of shape ({config.height}, {config.width}), or (batch, {config.height}, "
                 f"{config.width}), got {depth.shape}."
             )
+        mount = self.config.ipath.mount if mount is None else mount
         if isinstance(mount, CameraMount):
-            mount = jnp.broadcast_to(mount.as_array(), (*batch, 5))
-        mount = None if mount is None else _as_array(mount, floating=True)
+            mounts = jnp.broadcast_to(mount.as_array(), (*batch, 5))
+        else:
+            mounts = _as_array(mount, floating=True)
         if state is None:
             standing = standing_state(self.config.steps)
             state = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (*batch, *leaf.shape)), standing)
         state = RobotState(*(_as_array(leaf, floating=True) for leaf in state))
         _check_state(state, batch)
-        if not batch:
-            _check_values(depth, mount)
-            _check(depth[None], goal[None], None if mount is None else mount[None], self.config.ipath)
-            return _plan_frame(split_module(self), depth, goal, state, mount)
-        path, waypoints, fear = self.plan_path(depth, goal, mount)
-        return Plan(path, waypoints, fear, self.istepper(path, state), next_foot(state))
+        if batch:
+            path, waypoints, fear = self.plan_path(depth, goal, mounts)
+            return Plan(path, waypoints, fear, self.istepper(path, state), next_foot(state))
+        _check(depth[None], goal[None], mounts[None], self.config.ipath)
+        _check_values(depth, mounts)
+        return _plan_frame(split_module(self), depth, goal, state, mounts)
 
     def plan_path(
         self,
@@ -128,7 +130,7 @@ def _plan_frame(
     depth: Float[Array, "h w"],
     goal: Float[Array, " 2"],
     state: RobotState,
-    mount: Float[Array, " 5"] | None,
+    mount: Float[Array, " 5"],
 ) -> Plan:
     """The plan for a batch of one, without its axis."""
     rows = jax.tree.map(lambda leaf: leaf[None], (depth, goal, state, mount))
@@ -147,11 +149,11 @@ def _check_state(state: RobotState, batch: tuple[int, ...]) -> None:
             raise InputError(f"RobotState.{name} has shape {leaf.shape}; these depth images need {(*batch, *own)}.")
 
 
-def _check_values(depth: Array, mount: Array | None) -> None:
+def _check_values(depth: Array, mount: Array) -> None:
     """Refuse a single frame in millimetres and a mount in degrees; under a trace there are no values to look at."""
     if not isinstance(depth, jax.core.Tracer):
         check_depth_image(np.asarray(depth))
-    if mount is not None and mount.shape == (5,) and not isinstance(mount, jax.core.Tracer):
+    if not isinstance(mount, jax.core.Tracer):
         CameraMount(*np.asarray(mount).tolist())
 
 

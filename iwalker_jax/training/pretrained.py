@@ -14,7 +14,7 @@ from iwalker_jax.planning.planner import Planner
 from iwalker_jax.runtime.files import write_npz
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
-from iwalker_jax.training.train_step import make_planner, planner_from
+from iwalker_jax.training.train_step import planner_from, planner_structure
 
 PRETRAINED = Path(__file__).with_name("pretrained.npz")
 _CONFIG = "config"
@@ -45,7 +45,7 @@ def load_planner(file: Path = PRETRAINED) -> tuple[Planner, TrainConfig]:
         with np.load(file, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
         config: TrainConfig = config_from_dict(TrainConfig, json.loads(str(arrays.pop(_CONFIG))))
-        template = jax.eval_shape(lambda: nnx.split(make_planner(config), nnx.Param)[1])
+        template = planner_structure(config).params
         paths, structure = jax.tree_util.tree_flatten_with_path(template)
         leaves = [_restored(arrays[jax.tree_util.keystr(path)], leaf.shape) for path, leaf in paths]
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:

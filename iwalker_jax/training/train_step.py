@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning.split_module import SplitModule, split_module
 from iwalker_jax.training.batches import TrainingBatch, gather_batch
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.maps import TrainingData
@@ -87,7 +88,7 @@ def initial_state(config: TrainConfig, optimiser: optax.GradientTransformation) 
 
 def with_planner(config: TrainConfig, params: Any, planner: Planner) -> Any:
     """Parameters of what is trained, with the given planner's in place of its own."""
-    learner = nnx.merge(_learner_graph(config), params)
+    learner = _learner_structure(config).with_params(params).merge()
     if not isinstance(learner, ActorCritic):
         return nnx.state(planner, nnx.Param)
     learner.planner = planner
@@ -96,13 +97,13 @@ def with_planner(config: TrainConfig, params: Any, planner: Planner) -> Any:
 
 def planner_from(config: TrainConfig, params: Any) -> Planner:
     """The planner with the given parameters."""
-    learner = nnx.merge(_learner_graph(config), params)
+    learner = _learner_structure(config).with_params(params).merge()
     return learner.planner if isinstance(learner, ActorCritic) else learner
 
 
-def planner_graph(config: TrainConfig) -> nnx.GraphDef:
-    """Structure of the planner without its arrays."""
-    return nnx.split(nnx.eval_shape(lambda: make_planner(config)), nnx.Param)[0]
+def planner_structure(config: TrainConfig) -> SplitModule[Planner]:
+    """The planner with shapes in place of its arrays."""
+    return split_module(nnx.eval_shape(lambda: make_planner(config)))
 
 
 def _make_learner(config: TrainConfig) -> Planner | ActorCritic:
@@ -111,8 +112,9 @@ def _make_learner(config: TrainConfig) -> Planner | ActorCritic:
     return make_planner(config)
 
 
-def _learner_graph(config: TrainConfig) -> nnx.GraphDef:
-    return nnx.split(nnx.eval_shape(lambda: _make_learner(config)), nnx.Param)[0]
+def _learner_structure(config: TrainConfig) -> SplitModule:
+    """What is trained, with shapes in place of its arrays."""
+    return split_module(nnx.eval_shape(lambda: _make_learner(config)))
 
 
 TrainStep = Callable[[TrainState, TrainingData, Array], tuple[TrainState, StepReport]]
@@ -144,13 +146,15 @@ def make_train_step(
 def _gradient_step(
     config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None
 ) -> TrainStep:
-    graph, controlled = _learner_graph(config), _controlled_robot(config)
+    learner, controlled = _learner_structure(config), _controlled_robot(config)
 
     def step(state: TrainState, data: TrainingData, index: Array) -> tuple[TrainState, StepReport]:
         batch = _batch(state, data, index, config, mesh)
-        params, opt_state, report = _descend(
-            state, lambda params: batch_losses(nnx.merge(graph, params), batch, config, controlled), optimiser
-        )
+
+        def losses(params: Any) -> tuple:
+            return batch_losses(learner.with_params(params).merge(), batch, config, controlled)
+
+        params, opt_state, report = _descend(state, losses, optimiser)
         return TrainState(params, opt_state, state.key, state.step + 1), report
 
     return jax.jit(step, donate_argnums=0, **_placement(mesh))
@@ -158,7 +162,7 @@ def _gradient_step(
 
 def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraArgs, mesh: Mesh | None) -> TrainStep:
     """Two programs, one that tries paths and one for each of the epochs: a loop within one is slower on CPUs."""
-    graph, controlled = _learner_graph(config), _controlled_robot(config)
+    learner, controlled = _learner_structure(config), _controlled_robot(config)
 
     def attempt(
         state: TrainState, data: TrainingData, index: Array
@@ -166,12 +170,13 @@ def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraA
         batch = _batch(state, data, index, config, mesh)
         # A number beyond those of the rows, which have taken theirs from the same key.
         key = jax.random.fold_in(_step_key(state), config.batch_size)
-        return batch, *explore(nnx.merge(graph, state.params), batch, key, config)
+        return batch, *explore(learner.with_params(state.params).merge(), batch, key, config)
 
     def improve(state: TrainState, batch: TrainingBatch, tried: Experience) -> tuple[TrainState, StepReport]:
-        params, opt_state, report = _descend(
-            state, lambda params: policy_losses(nnx.merge(graph, params), batch, tried, config, controlled), optimiser
-        )
+        def losses(params: Any) -> tuple:
+            return policy_losses(learner.with_params(params).merge(), batch, tried, config, controlled)
+
+        params, opt_state, report = _descend(state, losses, optimiser)
         return TrainState(params, opt_state, state.key, state.step), report
 
     attempt_jit = jax.jit(attempt, **_placement(mesh, outputs=False))

@@ -9,6 +9,7 @@ from iwalker_jax.optimization.steps.hlip import HlipParameters
 from iwalker_jax.planning.istepper import IStepper, IStepperConfig
 from iwalker_jax.planning.planner import PATH_POINTS, Planner, PlannerConfig, waypoints_to_path
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry, sample_robot_state
+from iwalker_jax.planning.split_module import split_module
 
 GEOMETRY = StepGeometry()
 
@@ -54,9 +55,8 @@ def test_corrections_are_bounded():
 
 def test_planner_is_one_jittable_function_from_depth_to_footsteps():
     planner = Planner(PlannerConfig(), nnx.Rngs(0))
-    graph, params = nnx.split(planner)
-    plan = jax.jit(lambda p, *inputs: nnx.merge(graph, p)(*inputs))(
-        params, jnp.full((2, 90, 160), 3.0), jnp.asarray([[2.0, 0.0], [1.0, 1.0]]), _states(2)
+    plan = jax.jit(lambda network, *inputs: network.merge()(*inputs))(
+        split_module(planner), jnp.full((2, 90, 160), 3.0), jnp.asarray([[2.0, 0.0], [1.0, 1.0]]), _states(2)
     )
     assert plan.path.shape == (2, PATH_POINTS, 2)
     assert plan.footsteps.shape == (2, GEOMETRY.count, 2)

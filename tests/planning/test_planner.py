@@ -20,6 +20,7 @@ SIZE = (90, 160)
 
 @pytest.fixture(scope="module")
 def planner() -> Planner:
+    """The light network, small."""
     return Planner(PlannerConfig(ipath=IPathConfig(trunk_width=4, hidden=16)), nnx.Rngs(0))
 
 
@@ -29,9 +30,13 @@ def frames():
     return depth, np.array([[2.0, 0.5], [1.0, -1.0], [-3.0, 0.2]], np.float32)
 
 
-def assert_same_plan(single, batch, row, atol=1e-5):
-    for name, value in single._asdict().items():
-        np.testing.assert_allclose(value, getattr(batch, name)[row], atol=atol, err_msg=name)
+def row_of(tree, row):
+    return jax.tree.map(lambda leaf: leaf[row], tree)
+
+
+def assert_same_plan(one, other, atol=1e-5):
+    for name, value in one._asdict().items():
+        np.testing.assert_allclose(value, getattr(other, name), atol=atol, err_msg=name)
 
 
 def test_one_frame_is_a_row_of_a_batch(planner, frames):
@@ -41,19 +46,18 @@ def test_one_frame_is_a_row_of_a_batch(planner, frames):
     mount = np.array([[0.58, 0.26, 0.0, 0.03, 0.0], [0.6, 0.2, 0.1, 0.0, 0.0], [0.5, 0.3, -0.1, 0.0, 0.02]], np.float32)
     batch = planner(depth, goal, state, mount)
     for row in range(3):
-        own = jax.tree.map(lambda leaf, row=row: leaf[row], state)
-        single = planner(depth[row], goal[row], own, mount[row])
+        single = planner(depth[row], goal[row], row_of(state, row), mount[row])
         assert single.path.shape == (PATH_POINTS, 2) and single.footsteps.shape == (StepGeometry().count, 2)
         assert single.waypoints.shape == (5, 2) and single.fear.shape == () and single.first_swing.shape == ()
-        assert_same_plan(single, batch, row)
+        assert_same_plan(single, row_of(batch, row))
 
 
 def test_left_out_state_and_mount_are_a_standing_robot_and_the_nominal_mount(planner, frames):
     depth, goal = frames[0][0], frames[1][0]
     wanted = planner(depth, goal, standing_state(StepGeometry()), CameraMount())
     short = planner(depth, goal)
-    assert_same_plan(jax.tree.map(lambda leaf: leaf[None], short), jax.tree.map(lambda leaf: leaf[None], wanted), 0, 0)
-    assert_same_plan(short, planner(*frames), 0)
+    assert_same_plan(short, wanted, atol=0)
+    assert_same_plan(short, row_of(planner(*frames), 0))
 
 
 def test_a_standing_robot_has_its_com_midway_and_steps_with_the_left_foot_first(planner, frames):
@@ -72,15 +76,14 @@ def test_a_standing_robot_has_its_com_midway_and_steps_with_the_left_foot_first(
 def test_lists_and_numpy_arrays_do(planner, frames):
     depth, goal = frames[0][1], [1, -1]
     plan = planner(depth.tolist(), goal, mount=[0.58, 0.26, 0, 0.028, 0])
-    assert_same_plan(plan, planner(jnp.asarray(frames[0]), jnp.asarray(frames[1])), 1)
+    assert_same_plan(plan, row_of(planner(jnp.asarray(frames[0]), jnp.asarray(frames[1])), 1))
 
 
 def test_a_single_frame_passes_through_jit_vmap_and_grad(planner, frames):
     network = split_module(planner)
     plans = jax.jit(jax.vmap(lambda network, depth, goal: network.merge()(depth, goal), in_axes=(None, 0, 0)))
     batch = planner(*frames)
-    for row in range(3):
-        assert_same_plan(jax.tree.map(lambda leaf, row=row: leaf[row], plans(network, *frames)), batch, row)
+    assert_same_plan(plans(network, *frames), batch)
     slope = jax.grad(lambda goal: planner(frames[0][0], goal).path[-1, 0])(jnp.asarray([2.0, 0.5]))
     assert np.isfinite(slope).all() and float(jnp.abs(slope).max()) > 0
 

@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flax import nnx
 
 from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
+from iwalker_jax.planning.split_module import split_module
 from iwalker_jax.training.batches import gather_batch
 from iwalker_jax.training.maps import prepare
 from iwalker_jax.training.objectives import batch_losses
@@ -35,18 +35,18 @@ def outcome(small_config):
     mounts = np.tile(np.asarray(MOUNT.as_array()), (n, 1))
     frames = FrameSet(depth, mounts, goals, np.zeros((n, 3), np.float32), np.zeros(n, np.int32), ("made",))
     data = prepare(frames, Intrinsics(), small_config.models.traversal, batch=8)
-    graph, params = nnx.split(make_planner(small_config))
+    network = split_module(make_planner(small_config))
     models = small_config.models
 
     @jax.jit
     def evaluate(index):
         batch = gather_batch(data, index, jax.random.key(0), False, models.steps, models.hlip)
 
-        def loss(p):
-            value, (terms, counts, plan) = batch_losses(nnx.merge(graph, p), batch, small_config)
+        def loss(network):
+            value, (terms, counts, plan) = batch_losses(network.merge(), batch, small_config)
             return value, (terms, counts, plan)
 
-        return batch.goal, *jax.value_and_grad(loss, has_aux=True)(params)
+        return batch.goal, *jax.value_and_grad(loss, has_aux=True)(network)
 
     return {name: evaluate(jnp.arange(4) + 4 * k) for k, name in enumerate(images())}
 

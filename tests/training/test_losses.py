@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flax import nnx
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.steps.hlip import HlipParameters
@@ -16,6 +15,7 @@ from iwalker_jax.planning.footsteps import nominal_footsteps
 from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import waypoints_to_path
 from iwalker_jax.planning.robot_state import sample_robot_state
+from iwalker_jax.planning.split_module import split_module
 from iwalker_jax.training.batches import gather_batch
 from iwalker_jax.training.losses import LossWeights, overlap, path_losses, step_losses, weighted_sum
 from iwalker_jax.training.maps import FrameMaps
@@ -90,8 +90,8 @@ def test_stopped_mode_leaves_the_gradient_of_the_difference_alone(x64):
 def _norms(config, data, part: str) -> tuple[float, float]:
     """Gradient norms of U_path or U_step with respect to iPath's and iStepper's parameters."""
     batch = gather_batch(data, jnp.arange(4), jax.random.key(0), True, config.models.steps, config.models.hlip)
-    graph, params = nnx.split(make_planner(config))
-    gradient = jax.jit(jax.grad(lambda p: batch_losses(nnx.merge(graph, p), batch, config)[1][0][part]))(params)
+    loss = jax.grad(lambda network: batch_losses(network.merge(), batch, config)[1][0][part])
+    gradient = jax.jit(loss)(split_module(make_planner(config))).params
 
     def norm(tree):
         return float(sum(jnp.sum(leaf**2) for leaf in jax.tree.leaves(tree)))

@@ -5,8 +5,8 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import pytest
-from flax import nnx
 
+from iwalker_jax.planning.split_module import split_module
 from iwalker_jax.training.batches import gather_batch
 from iwalker_jax.training.objectives import batch_losses
 from iwalker_jax.training.train_step import make_planner
@@ -17,11 +17,11 @@ def outcome(small_config, small_data):
     """Terms of every method on one batch and planner, and U_step's gradient norms for iPath and iStepper."""
     models = small_config.models
     batch = gather_batch(small_data, jnp.arange(4), jax.random.key(0), True, models.steps, models.hlip)
-    graph, params = nnx.split(make_planner(small_config))
+    network = split_module(make_planner(small_config))
 
-    def terms(params, method):
+    def terms(network, method):
         config = dataclasses.replace(small_config, method=method)
-        _, (values, _, _) = batch_losses(nnx.merge(graph, params), batch, config)
+        _, (values, _, _) = batch_losses(network.merge(), batch, config)
         return values["U_step"], values
 
     def norm(tree):
@@ -29,8 +29,8 @@ def outcome(small_config, small_data):
 
     made = {}
     for method in ("iwalker", "iplanner", "finetuned"):
-        gradient, values = jax.jit(jax.grad(lambda p, m=method: terms(p, m), has_aux=True))(params)
-        made[method] = values, norm(gradient["ipath"]), norm(gradient["istepper"])
+        gradient, values = jax.jit(jax.grad(lambda network, m=method: terms(network, m), has_aux=True))(network)
+        made[method] = values, norm(gradient.params["ipath"]), norm(gradient.params["istepper"])
     return made
 
 

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from flax import nnx
 
 from iwalker_jax.data.camera_path import record_camera_path
 from iwalker_jax.data.frame_set import FrameSet, concatenate
@@ -28,6 +27,7 @@ from iwalker_jax.perception.local_map import LocalMap, build_local_map
 from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.planning.robot_state import sample_robot_state
+from iwalker_jax.planning.split_module import SplitModule, split_module
 from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
 from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, held_out_sequence
 from iwalker_jax.scenes.routes import shortest_distance
@@ -134,13 +134,13 @@ def evaluate_sequence(
     goals = frames.goals[:, goal_index]
 
     # Parameters are arguments, so that one compiled program serves every sequence, checkpoint and seed.
-    graph, params = nnx.split(planner)
+    network = split_module(planner)
     keys = jax.random.split(jax.random.key(seed), n)
     parts: list[Any] = []
     for start in range(0, n, _BATCH):
         index = np.minimum(np.arange(start, start + _BATCH), n - 1)
         batch = (jnp.asarray(depth[index]), frames.mounts[index], goals[index], keys[index])
-        out = _plan_batch(graph, params, *batch, models, intrinsics)
+        out = _plan_batch(network, *batch, models, intrinsics)
         parts.append(jax.tree.map(lambda x, keep=min(_BATCH, n - start): np.asarray(x[:keep]), out))
     plan, tracked, metrics, side, maps = jax.tree.map(lambda *x: np.concatenate(x), *parts)
 
@@ -164,11 +164,13 @@ def evaluate_sequence(
     )
 
 
-@functools.partial(jax.jit, static_argnames=("graph", "models", "intrinsics"))
-def _plan_batch(graph, params, depth, mounts, goals, keys, models: PlannerModels, intrinsics: Intrinsics):
+@functools.partial(jax.jit, static_argnames=("models", "intrinsics"))
+def _plan_batch(
+    network: SplitModule[Planner], depth, mounts, goals, keys, models: PlannerModels, intrinsics: Intrinsics
+):
     maps = jax.vmap(lambda d, m: build_local_map(d, m, intrinsics))(depth, mounts)
     state = jax.vmap(lambda key: sample_robot_state(key, models.steps, models.hlip))(keys)
-    plan = nnx.merge(graph, params)(depth, goals, state, mounts)
+    plan = network.merge()(depth, goals, state, mounts)
     score = jax.vmap(lambda p, w, s, x, m: plan_metrics(p, w, s, x, m, models))
     metrics, tracked = score(plan.path, plan.waypoints, plan.footsteps, state, maps.published)
     return plan, tracked, metrics, state.stance_side, maps
