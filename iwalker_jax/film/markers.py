@@ -90,14 +90,19 @@ def _add_plate(
     position: tuple[float, ...],
     half: tuple[float, float],
     yaw: float,
-    colour: np.ndarray,
+    colour: Float[np.ndarray, " 3"],
 ) -> None:
     rotation = host.rotation_about_vertical(yaw)
     _add_geom(scene, mujoco.mjtGeom.mjGEOM_BOX, np.array([*half, 0.0004]), np.array(position), rotation, (*colour, 1.0))
 
 
 def _add_geom(
-    scene: mujoco.MjvScene, kind: int, size: np.ndarray, position: np.ndarray, rotation: np.ndarray, colour: tuple
+    scene: mujoco.MjvScene,
+    kind: mujoco.mjtGeom,
+    size: Float[np.ndarray, " 3"],
+    position: Float[np.ndarray, " 3"],
+    rotation: Float[np.ndarray, "3 3"],
+    colour: tuple[float, ...],
 ) -> mujoco.MjvGeom:
     """Append a geom to the scene; when the scene is full, the last one is replaced."""
     index = min(scene.ngeom, scene.maxgeom - 1)

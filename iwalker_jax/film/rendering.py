@@ -107,7 +107,7 @@ def render_frames(
             scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
             scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
             add_shadow(scene, data.xpos[1])
-            draw_overlays(scene, data, overlays, now, rows[i])
+            draw_overlays(scene, data, overlays, now, int(rows[i]))
             yield _write_text(renderer.render(), (f"{now:.2f} s   {speed[i]:.2f} m/s", overlays.caption))
 
 

@@ -11,6 +11,8 @@ from iwalker_jax.scenes.scene import SceneArrays
 _TINY = 1e-12
 _FAR = 1e6
 
+_Hits = tuple[Float[Array, " rays"], Int[Array, " rays"]]
+
 
 def world_camera_pose(
     base_pose: Float[Array, " 3"], mount: Float[Array, " 5"]
@@ -118,7 +120,13 @@ def _first_hit_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     depth, winner = _search(*primals)
     box_rows = primals[0].shape[0]
 
-    def hit_by_winner(boxes: Array, cylinders: Array, ceiling: Array, origin: Array, rays: Array) -> Array:
+    def hit_by_winner(
+        boxes: Float[Array, "boxes 7"],
+        cylinders: Float[Array, "cylinders 5"],
+        ceiling: Float[Array, ""],
+        origin: Float[Array, " 3"],
+        rays: Float[Array, "3 rays"],
+    ) -> Float[Array, " rays"]:
         box = boxes[jnp.clip(winner, 0, box_rows - 1)].T
         cylinder = cylinders[jnp.clip(winner - box_rows, 0, cylinders.shape[0] - 1)].T
         solid = jnp.where(
@@ -131,25 +139,25 @@ def _first_hit_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
 
 
 def _search(
-    boxes: Array,
-    cylinders: Array,
-    ceiling: Array,
-    origin: Array,
-    rays: Array,
-    box_count: Array,
-    cylinder_count: Array,
-) -> tuple[Float[Array, " rays"], Int[Array, " rays"]]:
+    boxes: Float[Array, "boxes 7"],
+    cylinders: Float[Array, "cylinders 5"],
+    ceiling: Float[Array, ""],
+    origin: Float[Array, " 3"],
+    rays: Float[Array, "3 rays"],
+    box_count: Int[Array, ""],
+    cylinder_count: Int[Array, ""],
+) -> _Hits:
     # Also returns what was hit: box row, number of boxes + cylinder row, or -1 for floor and ceiling.
     local_boxes = _seen_from(boxes.T, origin)
 
-    def closer(best: tuple[Array, Array], hit: Array, index: Array) -> tuple[Array, Array]:
+    def closer(best: _Hits, hit: Float[Array, " rays"], index: Int[Array, ""]) -> _Hits:
         depth, winner = best
         return jnp.minimum(hit, depth), jnp.where(hit < depth, index, winner)
 
-    def add_box(i: Array, best: tuple[Array, Array]) -> tuple[Array, Array]:
+    def add_box(i: Int[Array, ""], best: _Hits) -> _Hits:
         return closer(best, _box_hit(local_boxes[:, i], rays), i)
 
-    def add_cylinder(i: Array, best: tuple[Array, Array]) -> tuple[Array, Array]:
+    def add_cylinder(i: Int[Array, ""], best: _Hits) -> _Hits:
         return closer(best, _cylinder_hit(cylinders[i], origin, rays), i + boxes.shape[0])
 
     best = (_floor_or_ceiling_hit(ceiling, origin, rays), jnp.full(rays.shape[1], -1))
@@ -164,18 +172,20 @@ def _seen_from(boxes: Float[Array, "7 n"], origin: Float[Array, " 3"]) -> Float[
     return jnp.stack([cos * dx + sin * dy, cos * dy - sin * dx, dz, boxes[3], boxes[4], boxes[5], cos, sin])
 
 
-def _nonzero(x: Array) -> Array:
+def _nonzero(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     # A ray parallel to a face then meets that face's plane a trillion metres away instead of giving 0 / 0.
     return jnp.where(jnp.abs(x) < _TINY, _TINY, x)
 
 
-def _slab(start: Array, half: Array, direction: Array) -> tuple[Array, Array]:
+def _slab(
+    start: Float[Array, "..."], half: Float[Array, "..."], direction: Float[Array, " rays"]
+) -> tuple[Float[Array, " rays"], Float[Array, " rays"]]:
     inverse = 1 / _nonzero(direction)
     middle, reach = -start * inverse, half * jnp.abs(inverse)
     return middle - reach, middle + reach
 
 
-def _first_positive(enter: Array, leave: Array) -> Array:
+def _first_positive(enter: Float[Array, " rays"], leave: Float[Array, " rays"]) -> Float[Array, " rays"]:
     # The solid is the interval [enter, leave]; from inside, the ray meets the far face.
     hit = jnp.where(enter > 0, enter, leave)
     return jnp.where((enter <= leave) & (leave > 0), hit, _FAR)

@@ -155,11 +155,11 @@ def obstacle_distance(
     return jnp.minimum(to_boxes.min(axis=-1), to_cylinders.min(axis=-1))
 
 
-def _in_band(centre: Array, half: Array, z_low: float, z_high: float) -> Array:
+def _in_band(centre: Float[Array, " n"], half: Float[Array, " n"], z_low: float, z_high: float) -> Bool[Array, " n"]:
     return (centre - half < z_high) & (centre + half > z_low)
 
 
-def _length(x: Array, y: Array) -> Array:
+def _length(x: Float[Array, "*shape"], y: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     return safe_sqrt(x * x + y * y)
 
 
