@@ -24,8 +24,6 @@ import scipy.sparse as sparse  # noqa: E402
 from jax.sharding import Mesh, PartitionSpec  # noqa: E402
 
 from benchmarks.timing import compiled, timed  # noqa: E402
-from benchmarks.ugly_qps import ugly_qps  # noqa: E402
-from benchmarks.whole_body_qps import whole_body_qps  # noqa: E402
 from iwalker_jax.optimization import (  # noqa: E402
     QpPoint,
     QpSettings,
@@ -38,6 +36,8 @@ from iwalker_jax.optimization import (  # noqa: E402
     solve_qp,
 )
 from iwalker_jax.runtime.devices import machine  # noqa: E402
+from problems.hard_qps import hard_qps  # noqa: E402
+from problems.whole_body_qps import whole_body_qps  # noqa: E402
 
 Arrays = tuple[np.ndarray, ...]
 REPEATS = 7
@@ -183,13 +183,13 @@ def compare(name: str, problems: Arrays, torque_map: np.ndarray, offset: np.ndar
         print(f"  {solver:<15} {batch:>5} {1e6 * each.best:7.1f} ({1e6 * each.median:6.1f}) {rated}   {note}")
 
 
-def ugly_statuses(seeds: int) -> None:
-    """Count how ugly programs end, in single precision."""
+def hard_statuses(seeds: int) -> None:
+    """Count how hard programs end, in single precision."""
     solve = jax.jit(solve_qp)
-    print(f"\nUgly programs, {seeds} of each kind, single precision")
+    print(f"\nHard programs, {seeds} of each kind, single precision")
     ends: dict[str, list[str]] = {}
     for seed in range(seeds):
-        for name, case in ugly_qps(seed).items():
+        for name, case in hard_qps(seed).items():
             P, q, C, low, high = (jnp.asarray(a, jnp.float32) for a in case[:5])
             ends.setdefault(f"{name} ({case.outcome})", []).append(
                 Status(int(solve(QuadraticProgram(P, q, C, low, high)).status)).name.lower()
@@ -219,7 +219,7 @@ def main() -> None:
         walk = whole_body_qps(arguments.ticks, eliminate=eliminate)
         problems = (walk.P, walk.q, walk.C, walk.low, walk.high)
         compare(f"Whole body, {name}", problems, walk.torque_map, walk.torque_offset, batches)
-    ugly_statuses(10)
+    hard_statuses(10)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ FLOORS = (
     ("checks", "streams", "runtime", "geometry"),
     ("optimization", "bruce_model"),
     ("perception", "robot"),
-    ("planning", "scenes", "control", "estimation"),
+    ("planning", "scenes", "control", "estimation", "problems"),
     ("tasks", "walking"),
     ("navigation", "film"),
     ("data",),
@@ -29,7 +29,7 @@ LARGEST_ROOM = 16
 
 def product_files() -> list[Path]:
     """All Python files that are not tests."""
-    folders = [ROOT / name for name in ("iwalker_jax", "experiments", "benchmarks", "bruce_model")]
+    folders = [ROOT / name for name in ("iwalker_jax", "experiments", "benchmarks", "problems", "bruce_model")]
     return sorted(file for folder in folders for file in folder.rglob("*.py"))
 
 
@@ -100,7 +100,7 @@ def test_no_circles_between_files():
                 branches.append(iter(sorted(graph[following])))
 
 
-@pytest.mark.parametrize("package", ["iwalker_jax", "experiments", "benchmarks", "bruce_model"])
+@pytest.mark.parametrize("package", ["iwalker_jax", "experiments", "benchmarks", "problems", "bruce_model"])
 def test_no_room_is_crowded(package):
     folders = {file.parent for file in (ROOT / package).rglob("*.py")}
     crowded = {str(f.relative_to(ROOT)): len(list(f.glob("*.py"))) for f in folders}

@@ -8,10 +8,11 @@ from jaxtyping import Array, Float
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait_state import GaitMode, GaitReference, GaitState, Posture
 from iwalker_jax.control.parameters import GaitParameters, LegEffect
-from iwalker_jax.control.stepping import SteppingGains, choose_step, flow
+from iwalker_jax.control.stepping import SteppingGains, choose_step
 from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
 from iwalker_jax.geometry.planar import turn
 from iwalker_jax.geometry.rotations import angle_between
+from iwalker_jax.optimization.steps.hlip import pendulum_flow
 
 _DONE = 0.999  # phase at which a swing counts as over
 
@@ -159,7 +160,7 @@ def advance_gait(
     # The second pendulum is the robot itself until the footstep is frozen.
     actual = jnp.stack(com, axis=1)
     pendulum = state.pendulum.at[1].set(jnp.where(frozen, state.pendulum[1], actual))
-    position, velocity = flow(rate, pendulum[..., 0], pendulum[..., 1], jnp.asarray(time_step, com[0].dtype))
+    position, velocity = pendulum_flow(rate, pendulum[..., 0], pendulum[..., 1], jnp.asarray(time_step, com[0].dtype))
     state = state._replace(
         time=state.time + time_step,
         late=late,

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.geometry.planar import turn
-from iwalker_jax.optimization.steps.hlip import step_matrices
+from iwalker_jax.optimization.steps.hlip import pendulum_flow, step_matrices
 from iwalker_jax.optimization.steps.mpc import solve_step_mpc
 
 _SHARES = 9  # candidate durations of the rest of a step
@@ -65,14 +65,6 @@ def stepping_gains(gait: GaitParameters, dtype: DTypeLike = np.float32) -> Stepp
     )
 
 
-def flow(
-    rate: Float[Array, ""], position: Float[Array, "*n"], velocity: Float[Array, "*n"], time: Float[Array, "*n"]
-) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
-    """Linear inverted pendulum's state after `time` [s] without a change of foot."""
-    cosh, sinh = jnp.cosh(rate * time), jnp.sinh(rate * time)
-    return position * cosh + velocity * sinh / rate, position * rate * sinh + velocity * cosh
-
-
 class StepChoice(NamedTuple):
     """The next footstep and when it touches down.
 
@@ -116,7 +108,7 @@ def choose_step(
     grid = jnp.concatenate([jnp.ones(1), jnp.linspace(gait.fastest, gait.slowest, _SHARES)]).astype(remaining.dtype)
     times = jnp.maximum(grid * remaining, 1e-3)
     position, velocity = (turn(-heading, x) for x in com)
-    ahead_position, ahead_velocity = flow(gains.rate, position[None], velocity[None], times[:, None])
+    ahead_position, ahead_velocity = pendulum_flow(gains.rate, position[None], velocity[None], times[:, None])
     ahead_position = ahead_position + expected[:, 0]
     ahead_velocity = ahead_velocity + expected[:, 1]
     local = turn(-heading, wanted)

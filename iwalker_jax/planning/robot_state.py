@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.sides import Side, side_sign
-from iwalker_jax.optimization.steps.hlip import HlipParameters
+from iwalker_jax.optimization.steps.hlip import HlipParameters, pendulum_flow
 
 
 @dataclass(frozen=True)
@@ -69,15 +69,9 @@ def next_foot(state: RobotState) -> Int[Array, "*batch"]:
 
 
 def pre_impact_planes(state: RobotState, hlip: HlipParameters) -> Float[Array, "2 3"]:
-    """Pre-impact H-LIP states [c, p, v] of the x and the y plane, reached by the pendulum at this step's end.
-
-    Over the remaining single support t the pendulum flows as p(t) = p cosh(lambda t) + v sinh(lambda t) / lambda.
-    """
-    rate = hlip.rate
+    """Pre-impact H-LIP states [c, p, v] of the x and the y plane, reached by the pendulum at this step's end."""
     remaining = jnp.clip(hlip.single_support_time - state.time_in_step, 0.0, hlip.single_support_time)
-    cosh, sinh = jnp.cosh(rate * remaining), jnp.sinh(rate * remaining)
-    position = state.com_from_stance * cosh + state.com_velocity * sinh / rate
-    velocity = state.com_from_stance * rate * sinh + state.com_velocity * cosh
+    position, velocity = pendulum_flow(hlip.rate, state.com_from_stance, state.com_velocity, remaining)
     return jnp.stack([position - state.com_from_stance, position, velocity], axis=-1)
 
 

@@ -16,10 +16,11 @@ from jaxtyping import Array, Bool, Float
 from bruce_model import load_mujoco
 from iwalker_jax.control.controller import Controller, make_controller, whole_body_tasks
 from iwalker_jax.control.gait_state import GaitReference
-from iwalker_jax.control.stepping import choose_step, flow
+from iwalker_jax.control.stepping import choose_step
 from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
 from iwalker_jax.control.whole_body import CONTACT_FEET, GRAVITY, reduced_dynamics, whole_body_program
 from iwalker_jax.optimization.qp.solver import solve_qp
+from iwalker_jax.optimization.steps.hlip import pendulum_flow
 from iwalker_jax.planning.robot_state import RobotState
 from iwalker_jax.robot.model import LEG_JOINTS, RobotModel, load_robot
 from iwalker_jax.robot.placement import place_robot
@@ -141,7 +142,7 @@ def swing_instants(
     time = gait.hlip.single_support_time
 
     def at(moment: float | Array) -> tuple[Array, Array]:
-        return flow(rate, state.com_from_stance, state.com_velocity, moment - state.time_in_step)
+        return pendulum_flow(rate, state.com_from_stance, state.com_velocity, moment - state.time_in_step)
 
     places = footsteps[:JUDGED_STEPS] + state.com_from_stance
     stride = 2 * jnp.sinh(rate * time / 2) / rate * at(time / 2)[1][0]
@@ -152,10 +153,10 @@ def swing_instants(
     instants = []
     for k in range(JUDGED_STEPS):
         for phase in SWING_PHASES:
-            position, velocity = flow(rate, *com, jnp.asarray(phase * time, footsteps.dtype))
+            position, velocity = pendulum_flow(rate, *com, jnp.asarray(phase * time, footsteps.dtype))
             phase_array = jnp.asarray(phase, footsteps.dtype)
             instants.append(SwingInstant(left, position, velocity, lift_off - base, places[k] - base, phase_array))
-        position, velocity = flow(rate, *com, jnp.asarray(time, footsteps.dtype))
+        position, velocity = pendulum_flow(rate, *com, jnp.asarray(time, footsteps.dtype))
         com = position + base - places[k], velocity
         lift_off, base, left = base, places[k], ~left
     return jax.tree.map(lambda *parts: jnp.stack(parts), *instants)

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from iwalker_jax.control.parameters import GaitParameters
-from iwalker_jax.control.stepping import choose_step, flow, stepping_gains
-from iwalker_jax.optimization.steps.hlip import orbit_p1, step_matrices
+from iwalker_jax.control.stepping import choose_step, stepping_gains
+from iwalker_jax.optimization.steps.hlip import orbit_p1, pendulum_flow, step_matrices
 from iwalker_jax.optimization.steps.mpc import solve_step_mpc
 
 GAIT = GaitParameters()
@@ -42,7 +42,7 @@ def test_flow_is_the_pendulums(gains):
     solution = solve_ivp(
         lambda _, s: [s[1], float(gains.rate) ** 2 * s[0]], (0, 0.2), [0.02, -0.3], rtol=1e-10, atol=1e-12
     )
-    position, velocity = flow(gains.rate, jnp.asarray(0.02), jnp.asarray(-0.3), jnp.asarray(0.2))
+    position, velocity = pendulum_flow(gains.rate, jnp.asarray(0.02), jnp.asarray(-0.3), jnp.asarray(0.2))
     np.testing.assert_allclose([position, velocity], solution.y[:, -1], rtol=1e-5)
 
 

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.optimization.qp.admm import Splitting, admm
-from iwalker_jax.optimization.qp.core import Answer
 from iwalker_jax.optimization.qp.factor import Factor, factorise
 from iwalker_jax.optimization.qp.settings import QpSettings
+from iwalker_jax.optimization.qp.verdicts import QpIterate
 from iwalker_jax.optimization.solution import Status
 
 Data = tuple[Array, ...]
@@ -91,7 +91,7 @@ def _differentiate(primals: tuple, tangents: tuple) -> tuple:
 
 def unrolled(
     data: Data, guess: tuple[Array, Array], settings: QpSettings
-) -> tuple[tuple[Float[Array, " n"], Float[Array, " m"]], Answer]:
+) -> tuple[tuple[Float[Array, " n"], Float[Array, " m"]], QpIterate]:
     """ADMM alone for a fixed number of iterations, differentiable through all of them; and how good it is."""
     P, q, C, low, high = data
     factor = factorise(P, C)
@@ -118,7 +118,7 @@ def unrolled(
     return (x, state.y * factor.lengths), _rate(data, factor, x, state, settings)
 
 
-def _rate(data: Data, factor: Factor, x: Array, state: Splitting, settings: QpSettings) -> Answer:
+def _rate(data: Data, factor: Factor, x: Array, state: Splitting, settings: QpSettings) -> QpIterate:
     """Judge ADMM's point; a proximal term it did not re-centre counts as an error."""
     P, q, C, low, high = jax.lax.stop_gradient(data)
     factor, x, state = jax.lax.stop_gradient((factor, x, state))
@@ -134,4 +134,4 @@ def _rate(data: Data, factor: Factor, x: Array, state: Splitting, settings: QpSe
     residual = jnp.where(finite, residual, jnp.inf)
     tolerance = settings.tolerance_for(x.dtype)
     status = jnp.where(residual <= tolerance, Status.CONVERGED, Status.MAX_ITERATIONS).astype(jnp.int32)
-    return Answer(x, state.y, sides, status, residual, finite, jnp.asarray(settings.admm_iterations, jnp.int32))
+    return QpIterate(x, state.y, sides, status, residual, finite, jnp.asarray(settings.admm_iterations, jnp.int32))

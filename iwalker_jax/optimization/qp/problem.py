@@ -96,7 +96,7 @@ def load_program(path: str | Path) -> QuadraticProgram:
     return replace(QuadraticProgram(*arrays), blocks=blocks)  # type: ignore[arg-type]
 
 
-def check_shapes(problem: QuadraticProgram) -> None:
+def check_program_shapes(problem: QuadraticProgram) -> None:
     """Refuse shapes that do not fit together; works on tracers.
 
     Raises:
@@ -138,12 +138,12 @@ def quadratic_program(
     high = jnp.full(rows, jnp.inf) if high is None else jnp.asarray(high)
     P, q, C, low, high = (jnp.asarray(a, dtype) for a in (P, q, C, low, high))
     problem = QuadraticProgram(P, q, C, low, high, tuple((str(name), int(count)) for name, count in blocks))
-    check_shapes(problem)
-    check_values(problem)
+    check_program_shapes(problem)
+    check_program_values(problem)
     return problem
 
 
-def check_values(problem: QuadraticProgram) -> None:
+def check_program_values(problem: QuadraticProgram) -> None:
     """Refuse values no solver can do anything with; for concrete arrays.
 
     Raises:

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.qp.batch import solve_batched
 from iwalker_jax.optimization.qp.gradients import differentiable, unrolled
-from iwalker_jax.optimization.qp.problem import QuadraticProgram, check_shapes, named_rows
+from iwalker_jax.optimization.qp.problem import QuadraticProgram, check_program_shapes, named_rows
 from iwalker_jax.optimization.qp.settings import QpSettings
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status, describe
 
@@ -68,7 +68,7 @@ def solve_qp(
     """
     if gradient not in get_args(GradientMode):
         raise InputError(f"gradient is {gradient!r}; choose one of {', '.join(get_args(GradientMode))}.")
-    check_shapes(problem)
+    check_program_shapes(problem)
     blocks, m = problem.blocks, problem.low.shape[0]
     data: tuple[Array, ...] = (problem.P, problem.q, problem.C, problem.low, problem.high)
     dtype = jnp.result_type(*data)

@@ -22,7 +22,7 @@ _ROUNDS = 12
 _RELAXATION = 1.6
 
 
-class ActiveSet(NamedTuple):
+class ActiveBounds(NamedTuple):
     """Outcome of the search.
 
     Attributes:
@@ -65,13 +65,13 @@ def bound_solver(
     return respond
 
 
-def find_active_set(
+def find_active_bounds(
     relaxed: Callable[[Int[Array, ""]], Float[Array, "m m"]],
     inverse: Float[Array, "m m"],
     free: Float[Array, " m"],
     low: Float[Array, " m"],
     high: Float[Array, " m"],
-) -> ActiveSet:
+) -> ActiveBounds:
     """Search the active set of the optimum.
 
     Args:
@@ -83,15 +83,15 @@ def find_active_set(
     slack = 100 * eps * jnp.maximum(jnp.max(jnp.abs(free)), jnp.max(jnp.abs(high)))
     scale = jnp.mean(jnp.diagonal(inverse))
 
-    def refine(sides: Int[Array, " m"]) -> tuple[Int[Array, " m"], Float[Array, ""]]:
+    def improve(sides: Int[Array, " m"]) -> tuple[Int[Array, " m"], Float[Array, ""]]:
         bound = jnp.where(sides > 0, high, low)
         y = bound_solver(inverse, sides)(free - bound)
         w = free - inverse @ y
         outside = jnp.where(w > high + slack, 1, jnp.where(w < low - slack, -1, 0))
         after = jnp.where(sides == 0, outside, jnp.where(y * sides > 0, sides, 0))
         violation = jnp.maximum(jnp.maximum(w - high, low - w), 0)
-        wrong = jnp.where(sides == 0, 0, jnp.maximum(-y * sides, 0) * scale)
-        error = jnp.maximum(jnp.max(violation), jnp.max(wrong))
+        sign_error = jnp.where(sides == 0, 0, jnp.maximum(-y * sides, 0) * scale)
+        error = jnp.maximum(jnp.max(violation), jnp.max(sign_error))
         return after, jnp.where(jnp.isfinite(error), error, jnp.inf)
 
     def admm(_: int, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
@@ -103,12 +103,12 @@ def find_active_set(
 
     def attempt(carry: tuple) -> tuple:
         sides, best, error, _, steps = carry
-        after, size = refine(sides)
+        after, size = improve(sides)
         better = size < error
         best, error = jnp.where(better, sides, best), jnp.where(better, size, error)
         return after, best, error, jnp.all(after == sides), steps + 1
 
-    def turn(carry: tuple) -> tuple:
+    def run_round(carry: tuple) -> tuple:
         (z, y), best, error, _, rounds = carry
         ladder = jnp.asarray(PENALTIES, free.dtype)
         now, before = rounds % len(PENALTIES), (rounds - 1) % len(PENALTIES)
@@ -123,5 +123,5 @@ def find_active_set(
     error = jnp.max(jnp.maximum(jnp.maximum(free - high, low - free), 0))
     zero = jnp.asarray(0, jnp.int32)
     start = ((jnp.clip(free, low, high), jnp.zeros_like(free)), nothing, error, error <= slack, zero)
-    state, best, _, _, rounds = jax.lax.while_loop(lambda c: ~c[3] & (c[4] < _ROUNDS), turn, start)
-    return ActiveSet(best, state[0], rounds)
+    state, best, _, _, rounds = jax.lax.while_loop(lambda c: ~c[3] & (c[4] < _ROUNDS), run_round, start)
+    return ActiveBounds(best, state[0], rounds)

@@ -68,7 +68,7 @@ class Modes(NamedTuple):
 
 
 def step_matrices(parameters: HlipParameters) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
-    """Step-to-step map x' = A x + B u of the pre-impact state [c, p, v] (eq. 9)."""
+    """Step-to-step map x' = A x + B u of the pre-impact state [c, p, v] [m, m, m/s] (iWalker, eq. 9): A and B."""
     rate, double = parameters.rate, parameters.double_support_time
     cosh = jnp.cosh(rate * parameters.single_support_time)
     sinh = jnp.sinh(rate * parameters.single_support_time)
@@ -103,14 +103,47 @@ def divergent_component(
     """Divergent component xi = p + lead v [m] relative to the stance foot; xi' = pole (xi - u).
 
     The COM stays bounded if and only if xi_k = sum_j pole^-j u_{k+j}: the steps to come fix xi, not the past.
+
+    Args:
+        parameters: pendulum constants.
+        position: pre-impact p [m].
+        velocity: pre-impact v [m/s].
     """
     return position + modes(parameters).divergent_lead * velocity
+
+
+def pendulum_flow(
+    rate: Float[Array, ""], position: Float[Array, "*#n"], velocity: Float[Array, "*#n"], time: Float[Array, "*#n"]
+) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
+    """State of the linear inverted pendulum p'' = lambda^2 p after `time` without a change of foot.
+
+    Args:
+        rate: lambda [1/s].
+        position: COM minus stance foot [m].
+        velocity: [m/s].
+        time: [s].
+
+    Returns:
+        Position p cosh(lambda t) + v sinh(lambda t) / lambda [m] and velocity [m/s].
+    """
+    cosh, sinh = jnp.cosh(rate * time), jnp.sinh(rate * time)
+    return position * cosh + velocity * sinh / rate, position * rate * sinh + velocity * cosh
 
 
 def orbit_p1(
     parameters: HlipParameters, velocity: Float[Array, "*n"]
 ) -> tuple[Float[Array, "*n"], Float[Array, "*n"], Float[Array, "*n"]]:
-    """Period-one orbit of a mean velocity [m/s]: pre-impact p [m] and v [m/s], and the step size u [m]."""
+    """Period-one (P1) orbit: the walk of equal steps, one plane (Xiong and Ames; usually the sagittal one).
+
+    With sigma1 = lambda coth(lambda T_SSP / 2):  u = v_d T,  p = u / (2 + T_DSP sigma1),  v = sigma1 p.
+
+    Args:
+        parameters: pendulum constants.
+        velocity: mean velocity v_d [m/s].
+
+    Returns:
+        Pre-impact position p [m], velocity v [m/s], and step size u [m].
+    """
     sigma = parameters.rate / jnp.tanh(parameters.rate * parameters.single_support_time / 2)
     step = velocity * parameters.step_time
     position = step / (2 + parameters.double_support_time * sigma)
@@ -120,9 +153,19 @@ def orbit_p1(
 def orbit_p2(
     parameters: HlipParameters, step: Float[Array, "*n"], next_step: Float[Array, "*n"]
 ) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
-    """Period-two orbit of two alternating steps [m]: p [m] and v [m/s] just before `step` is taken.
+    """Period-two (P2) orbit: the walk of two alternating steps, one plane (Xiong and Ames; usually the lateral one).
 
-    The mean velocity is (step + next_step) / (2 T); equal steps give the period-one orbit.
+    With sigma2 = lambda tanh(lambda T_SSP / 2) and the mean velocity v_d = (step + next_step) / (2 T):
+    d2 = lambda^2 sech^2(lambda T_SSP / 2) T v_d / (lambda^2 T_DSP + 2 sigma2),
+    p = (step - T_DSP d2) / (2 + T_DSP sigma2),  v = sigma2 p + d2. Equal steps give the period-one orbit.
+
+    Args:
+        parameters: pendulum constants.
+        step: the step about to be taken [m].
+        next_step: the one after it [m].
+
+    Returns:
+        Pre-impact position p [m] and velocity v [m/s] just before `step` is taken.
     """
     rate, double = parameters.rate, parameters.double_support_time
     half = rate * parameters.single_support_time / 2
@@ -133,22 +176,30 @@ def orbit_p2(
 
 
 def deadbeat_gain(parameters: HlipParameters) -> Float[Array, "2"]:
-    """Gain K of u = u* + K (x - x*) on x = [p, v] that cancels any deviation in two steps."""
+    """Gain K of u = u* + K (x - x*) on x = [p, v] that cancels any deviation in two steps (Xiong and Ames).
+
+    K = [1, T_DSP + coth(lambda T_SSP) / lambda], with x* and u* of a P1 or P2 orbit.
+
+    Returns:
+        (2,) gain on p [m/m] and v [s].
+    """
     rate = parameters.rate
     lead = parameters.double_support_time + 1 / (rate * jnp.tanh(rate * parameters.single_support_time))
     return jnp.stack([jnp.ones_like(lead), lead])
 
 
-def lqr_gain(
-    parameters: HlipParameters, state_weights: Float[Array, "2"], input_weight: Float[Array, ""]
-) -> Float[Array, "2"]:
+def lqr_gain(parameters: HlipParameters, state_weights: Float[Array, "2"], input_weight: Scalar) -> Float[Array, "2"]:
     """Gain K of u = u* + K (x - x*) on x = [p, v] that minimises sum x'diag(w)x + r u^2 for ever.
 
     The discrete Riccati equation is solved by structure-preserving doubling (Chu, Fan, Lin 2005).
 
     Args:
-        state_weights: weights of p [1/m^2] and v [s^2/m^2], not both zero.
+        parameters: pendulum constants.
+        state_weights: (2,) weights of p [1/m^2] and v [s^2/m^2], not both zero.
         input_weight: weight r > 0 of the step size [1/m^2].
+
+    Returns:
+        (2,) gain on p [m/m] and v [s].
     """
     full_state, full_input = step_matrices(parameters)
     state, column = full_state[1:, 1:], full_input[1:]

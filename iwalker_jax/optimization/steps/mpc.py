@@ -1,4 +1,4 @@
-"""H-LIP step MPC in closed form: the steps nearest to wanted ones that keep the pendulum walking (eq. 11)."""
+"""H-LIP step MPC in closed form: the steps nearest to wanted ones that keep the pendulum walking (iWalker, eq. 11)."""
 
 from collections.abc import Callable
 from functools import partial
@@ -12,7 +12,7 @@ from iwalker_jax.optimization.steps.hlip import HlipParameters, modes
 from iwalker_jax.optimization.steps.problem import (
     StepMpcWeights,
     as_plan,
-    check_shapes,
+    check_step_inputs,
     conclude,
     kkt_residual,
     modal_cost,
@@ -23,9 +23,9 @@ from iwalker_jax.optimization.steps.riccati import (
     Kkt,
     StepCost,
     apply_kkt,
-    factorise,
+    factorise_kkt,
     pack,
-    solve_factored,
+    solve_factorised,
     unpack,
 )
 
@@ -35,14 +35,14 @@ def kkt_solver(cost: StepCost, pole: Float[Array, ""], horizon: int, gradient: G
     (`implicit`) or through the recursions.
     """
     if gradient != "implicit":
-        return partial(solve_factored, factorise(cost, pole, horizon))
-    factor = factorise(*jax.lax.stop_gradient((cost, pole)), horizon)
+        return partial(solve_factorised, factorise_kkt(cost, pole, horizon))
+    factor = factorise_kkt(*jax.lax.stop_gradient((cost, pole)), horizon)
 
     def respond(rows: Kkt) -> Kkt:
         packed = jax.lax.custom_linear_solve(
             lambda x: pack(apply_kkt(cost, pole, unpack(x))),
             pack(rows),
-            lambda _, b: pack(solve_factored(factor, unpack(b))),
+            lambda _, b: pack(solve_factorised(factor, unpack(b))),
             symmetric=True,
         )
         return unpack(packed)
@@ -57,7 +57,9 @@ def solve_step_mpc(
     weights: StepMpcWeights | None = None,
     gradient: GradientMode = "implicit",
 ) -> Solution:
-    """Plan the steps nearest to wanted ones by one linear KKT solve, linear in (footsteps, initial state).
+    """Plan the steps nearest to wanted ones (iWalker, eq. 11, with weights on the orbit: see `problem`).
+
+    One linear KKT solve; the plan is linear in (footsteps, initial state).
 
     Args:
         footsteps: (N, 2) wanted footsteps s_1..s_N [m] in any fixed frame; row 0 is the next footstep.
@@ -75,7 +77,7 @@ def solve_step_mpc(
         InputError: on wrong shapes or an unknown gradient mode.
     """
     parameters, weights = parameters or HlipParameters(), weights or StepMpcWeights()
-    footsteps, initial_state = check_shapes(footsteps, initial_state, gradient)
+    footsteps, initial_state = check_step_inputs(footsteps, initial_state, gradient)
     if gradient == "stopped":
         footsteps, initial_state, parameters, weights = jax.lax.stop_gradient(
             (footsteps, initial_state, parameters, weights)

@@ -1,18 +1,21 @@
 """H-LIP step MPC with reachability: every step within the swing leg's reach and on its own side."""
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
-from iwalker_jax.optimization.steps.box_qp import PENALTIES, bound_solver, find_active_set
+from iwalker_jax.optimization.steps.box_qp import PENALTIES, ActiveBounds, bound_solver, find_active_bounds
 from iwalker_jax.optimization.steps.hlip import HlipParameters, Modes, divergent_component, modes
 from iwalker_jax.optimization.steps.mpc import kkt_solver
 from iwalker_jax.optimization.steps.problem import (
     StepMpcWeights,
     as_plan,
-    check_shapes,
+    check_step_inputs,
     conclude,
     kkt_residual,
     modal_cost,
@@ -26,7 +29,7 @@ from iwalker_jax.optimization.steps.reach import (
     sanitise_reach,
     step_bounds,
 )
-from iwalker_jax.optimization.steps.riccati import Kkt
+from iwalker_jax.optimization.steps.riccati import Kkt, StepCost
 
 _PENALTY = 50.0  # ADMM's base penalty over the mean curvature of the cost, by measurement
 _REFINEMENTS = 3
@@ -66,7 +69,7 @@ def solve_bounded_step_mpc(
         InputError: on wrong shapes or an unknown gradient mode.
     """
     parameters, weights, reach = parameters or HlipParameters(), weights or StepMpcWeights(), reach or StepReach()
-    footsteps, initial_state = check_shapes(footsteps, initial_state, gradient)
+    footsteps, initial_state = check_step_inputs(footsteps, initial_state, gradient)
     horizon, dtype = footsteps.shape[0], footsteps.dtype
     headings = jnp.zeros(horizon, dtype) if headings is None else jnp.asarray(headings, dtype)
     if headings.shape != (horizon,):
@@ -84,54 +87,83 @@ def solve_bounded_step_mpc(
     axes = heading_axes(headings)
     form = modes(parameters)
     cost = modal_cost(form, weights)
+    excess, state = catchable_state(parameters, form.pole, axes, low, high, initial_state)
+    steps, gait, rows = tracking_problem(form, cost, footsteps, state)
+    problem = _Problem(form, cost, steps, rows, axes, low.ravel(), high.ravel())
 
-    excess, caught = catch(parameters, form.pole, axes, low, high, initial_state)
-    steps, gait, rows = tracking_problem(form, cost, footsteps, caught)
-    none = jnp.zeros((horizon, 3, horizon), dtype)
-    respond_kkt = kkt_solver(cost, form.pole, horizon, gradient)
-    probe = (none, jnp.eye(horizon, dtype=dtype), none)
-
-    def pushed(forces: Float[Array, "n 2"]) -> tuple[Kkt, Kkt, Float[Array, " m"]]:
-        push = (rows[0], rows[1] - jnp.einsum("kij,ki->kj", axes, forces), rows[2])
-        point = respond_kkt(push)
-        return push, point, jnp.einsum("kij,kj->ki", axes, steps + point[1]).ravel()
-
-    def damped(penalty: Float[Array, ""]) -> Float[Array, "n n"]:
-        heavier = cost._replace(effort=cost.effort + penalty)
-        return penalty * kkt_solver(heavier, form.pole, horizon, "unrolled")(probe)[1]
-
-    compliance = respond_kkt(probe)[1]
-    inverse, scale = turn_blocks(axes, compliance), jnp.mean(jnp.diagonal(compliance))
-    operators = jax.vmap(damped)(_PENALTY * jnp.asarray(PENALTIES, dtype) / scale)
-    box = (low.ravel(), high.ravel())
-    start = pushed(jnp.zeros_like(footsteps))
-    frozen = jax.lax.stop_gradient((axes, operators, inverse, start[2], *box))
-    found = find_active_set(lambda i: turn_blocks(frozen[0], frozen[1][i]), *frozen[2:])
-    respond = bound_solver(inverse, found.sides)
-    bound = jnp.where(found.sides > 0, box[1], box[0])
-
-    def refine(carry: tuple, _: None) -> tuple[tuple, None]:
-        forces, (_, _, landing) = carry
-        forces += respond(landing - bound).reshape(horizon, 2)
-        return (forces, pushed(forces)), None
-
-    # Repeating the solve with what is left of the violation takes out the rounding of the inverse.
-    begin = (jnp.zeros_like(footsteps), start)
-    (forces, (push, point, landing)), _ = jax.lax.scan(refine, begin, None, length=_REFINEMENTS)
-
-    outside = jnp.max(jnp.maximum(landing - box[1], box[0] - landing))
-    wrong = jnp.max(-forces.ravel() * found.sides) * scale
-    error = jnp.maximum(jnp.maximum(outside, wrong), 0) / reach.sagittal
-    residual = jnp.maximum(kkt_residual(cost, form.pole, point, push), error)
+    answer, found, error = _optimum(problem, gradient)
+    residual = jnp.maximum(kkt_residual(cost, form.pole, answer.point, answer.rows), error / reach.sagittal)
     converged = residual <= jnp.sqrt(jnp.finfo(dtype).eps)
     status = jnp.where(converged, Status.CONVERGED, Status.MAX_ITERATIONS)
     status = jnp.where((excess > 0) | empty, Status.INFEASIBLE, status).astype(jnp.int32)
     residual = jax.lax.stop_gradient(jnp.maximum(residual, excess))
     within = jnp.einsum("kij,ki->kj", axes, found.within.reshape(horizon, 2))
-    safe = hold_steps(form, within, steps, gait, caught)
-    point = jax.tree.map(lambda a, b: jnp.where(converged, a, b), point[:2], safe)
+    safe = hold_steps(form, within, steps, gait, state)
+    point = jax.tree.map(lambda a, b: jnp.where(converged, a, b), answer.point[:2], safe)
     plan = as_plan(form, cost, footsteps, steps, gait, *point)
     return conclude(plan, residual, usable, status, found.rounds)
+
+
+class _Problem(NamedTuple):
+    """The tracking problem in modal coordinates with bounds on its steps in their heading frames."""
+
+    form: Modes
+    cost: StepCost
+    steps: Float[Array, "n 2"]
+    rows: Kkt
+    axes: Float[Array, "n 2 2"]
+    low: Float[Array, " m"]
+    high: Float[Array, " m"]
+
+
+class _Answer(NamedTuple):
+    """The KKT system's right-hand side with the bounds' forces, its solution and the steps in heading frames."""
+
+    rows: Kkt
+    point: Kkt
+    landing: Float[Array, " m"]
+
+
+def _under_forces(problem: _Problem, solve_kkt: Callable[[Kkt], Kkt], forces: Float[Array, "n 2"]) -> _Answer:
+    """Solve the KKT system with forces (in heading frames) on the steps."""
+    axes, rows = problem.axes, problem.rows
+    pushed = (rows[0], rows[1] - jnp.einsum("kij,ki->kj", axes, forces), rows[2])
+    point = solve_kkt(pushed)
+    return _Answer(pushed, point, jnp.einsum("kij,kj->ki", axes, problem.steps + point[1]).ravel())
+
+
+def _optimum(problem: _Problem, gradient: GradientMode) -> tuple[_Answer, ActiveBounds, Float[Array, ""]]:
+    """The bounded optimum, how its active bounds were found, and the error of bounds and multipliers [m]."""
+    form, cost, axes, horizon = problem.form, problem.cost, problem.axes, problem.steps.shape[0]
+    dtype = problem.steps.dtype
+    none = jnp.zeros((horizon, 3, horizon), dtype)
+    solve_kkt = kkt_solver(cost, form.pole, horizon, gradient)
+    probe = (none, jnp.eye(horizon, dtype=dtype), none)
+
+    def damped(penalty: Float[Array, ""]) -> Float[Array, "n n"]:
+        heavier = cost._replace(effort=cost.effort + penalty)
+        return penalty * kkt_solver(heavier, form.pole, horizon, "unrolled")(probe)[1]
+
+    compliance = solve_kkt(probe)[1]
+    inverse, scale = turn_blocks(axes, compliance), jnp.mean(jnp.diagonal(compliance))
+    operators = jax.vmap(damped)(_PENALTY * jnp.asarray(PENALTIES, dtype) / scale)
+    start = _under_forces(problem, solve_kkt, jnp.zeros_like(problem.steps))
+    frozen = jax.lax.stop_gradient((axes, operators, inverse, start.landing, problem.low, problem.high))
+    found = find_active_bounds(lambda i: turn_blocks(frozen[0], frozen[1][i]), *frozen[2:])
+    respond = bound_solver(inverse, found.sides)
+    bound = jnp.where(found.sides > 0, problem.high, problem.low)
+
+    def refine(carry: tuple[Array, _Answer], _: None) -> tuple[tuple[Array, _Answer], None]:
+        forces, answer = carry
+        forces += respond(answer.landing - bound).reshape(horizon, 2)
+        return (forces, _under_forces(problem, solve_kkt, forces)), None
+
+    # Repeating the solve with what is left of the violation takes out the rounding of the inverse.
+    begin = (jnp.zeros_like(problem.steps), start)
+    (forces, answer), _ = jax.lax.scan(refine, begin, None, length=_REFINEMENTS)
+    violation = jnp.max(jnp.maximum(answer.landing - problem.high, problem.low - answer.landing))
+    sign_error = jnp.max(-forces.ravel() * found.sides) * scale
+    return answer, found, jnp.maximum(jnp.maximum(violation, sign_error), 0)
 
 
 def turn_blocks(axes: Float[Array, "n 2 2"], matrix: Float[Array, "n n"]) -> Float[Array, "m m"]:
@@ -165,7 +197,7 @@ def hold_steps(
     return jnp.stack([offset, divergent - gait[:, 0], convergent - gait[:, 1]], axis=1), taken - steps
 
 
-def catch(
+def catchable_state(
     parameters: HlipParameters,
     pole: Float[Array, ""],
     axes: Float[Array, "n 2 2"],

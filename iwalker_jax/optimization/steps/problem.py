@@ -1,4 +1,4 @@
-"""The step MPC's quadratic program: weights, reference gait, modal form and the plan read off its solution.
+"""The step MPC's quadratic program (iWalker, eq. 11): weights, reference gait, modal form, plan of its solution.
 
 Indices: the robot stands on s_0 = c_0 - p_0 in the pre-impact state x_0; footsteps[k] is the wanted s_{k+1}, so row 0
 is the NEXT footstep, and row k of a plan's states is the pre-impact state on that footstep. With u_k = s_{k+1} - s_k
@@ -91,7 +91,7 @@ def gait_reference(pole: Float[Array, ""], steps: Float[Array, "n 2"]) -> Float[
     return jnp.stack([scale * (step + after / pole), -scale * (after + step / pole) / pole], axis=1)
 
 
-def check_shapes(
+def check_step_inputs(
     footsteps: Float[Array, "n 2"], initial_state: Float[Array, "2 3"], gradient: str
 ) -> tuple[Float[Array, "n 2"], Float[Array, "2 3"]]:
     """Both arrays in the footsteps' float type, or InputError."""

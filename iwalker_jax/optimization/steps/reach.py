@@ -94,13 +94,13 @@ def capture_margin(
     Returns:
         The ratio, 0 at the centre and 1 on the boundary; the centre (2,) [m].
     """
-    shrink = pole ** -jnp.arange(axes.shape[0] + 1, dtype=low.dtype)
+    decay = pole ** -jnp.arange(axes.shape[0] + 1, dtype=low.dtype)
     middle, half = (low + high) / 2, (high - low) / 2
     # The tail alternates the last step's mirror image and itself.
     tail_middle = middle[-1] * jnp.stack([1 / (1 - 1 / pole), -1 / (1 + 1 / pole)])
     all_axes = jnp.concatenate([axes, axes[-1:]])
-    middles = shrink[:, None] * jnp.concatenate([middle, tail_middle[None]])
-    halves = shrink[:, None] * jnp.concatenate([half, half[-1:] / (1 - 1 / pole)])
+    middles = decay[:, None] * jnp.concatenate([middle, tail_middle[None]])
+    halves = decay[:, None] * jnp.concatenate([half, half[-1:] / (1 - 1 / pole)])
     centre = jnp.einsum("kij,ki->j", all_axes, middles)
     normals = axes.reshape(-1, 2)
     width = jnp.einsum("ki,dki->d", halves, jnp.abs(jnp.einsum("dj,kij->dki", normals, all_axes)))

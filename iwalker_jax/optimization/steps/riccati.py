@@ -37,7 +37,7 @@ class StepCost(NamedTuple):
     effort: Float[Array, ""]
 
 
-class StepFactor(NamedTuple):
+class KktFactor(NamedTuple):
     """Riccati factorisation, one row a stage.
 
     Attributes:
@@ -87,7 +87,7 @@ def apply_kkt(cost: StepCost, pole: Float[Array, ""], point: Kkt) -> Kkt:
     )
 
 
-def factorise(cost: StepCost, pole: Float[Array, ""], horizon: int) -> StepFactor:
+def factorise_kkt(cost: StepCost, pole: Float[Array, ""], horizon: int) -> KktFactor:
     """Riccati recursion of the cost-to-go, backward from the last stage."""
     m, w = pole, 1 / pole
 
@@ -112,10 +112,10 @@ def factorise(cost: StepCost, pole: Float[Array, ""], horizon: int) -> StepFacto
     last = (cost.footstep, zero, zero, cost.divergent + cost.terminal, cost.cross, cost.convergent)
     start = tuple(jnp.asarray(x, pole.dtype) for x in last)
     _, rows = jax.lax.scan(stage, start, None, length=horizon, reverse=True)
-    return StepFactor(pole, *rows)
+    return KktFactor(pole, *rows)
 
 
-def solve_factored(factor: StepFactor, rows: Kkt) -> Kkt:
+def solve_factorised(factor: KktFactor, rows: Kkt) -> Kkt:
     """Solution of the system for one right-hand side (q, f, e)."""
     m, w = factor.pole, 1 / factor.pole
 

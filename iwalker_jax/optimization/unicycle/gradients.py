@@ -6,15 +6,16 @@ linear in the changes, so JAX runs it forwards (jvp) and transposed (vjp).
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from iwalker_jax.optimization.unicycle.ddp import Policy, StageInverse, Trajectory, backward_sweep, uniform_grid
+from iwalker_jax.optimization.unicycle.ddp import Trajectory, backward_sweep, uniform_grid
 from iwalker_jax.optimization.unicycle.model import UnicycleParameters
+from iwalker_jax.optimization.unicycle.stage import ControlLaw, StageInverse
 
 # An optimum flatter than this (control Hessian over control weights) has no trustworthy derivative.
 MINIMUM_CURVATURE = 1e-4
@@ -51,21 +52,21 @@ def attach_derivatives(inputs: TrackingInputs, optimum: Trajectory, parameters: 
 
 
 @attach_derivatives.defjvp
-def _attach_jvp(parameters, primals, tangents):
+def _attach_jvp(
+    parameters: UnicycleParameters, primals: tuple[TrackingInputs, Trajectory], tangents: tuple[TrackingInputs, Any]
+) -> tuple[Trajectory, Trajectory]:
     inputs, optimum = primals
     undamped = jnp.zeros_like(inputs.speed)
     reference = (inputs.x, inputs.y)
     grid = uniform_grid(inputs.x, parameters.dt)
-    policy, inverse, _ = backward_sweep(
-        optimum, reference, inputs.weights, undamped, MINIMUM_CURVATURE, grid, parameters
-    )
-    return optimum, _sensitivity(inputs, optimum, policy, inverse, tangents[0], parameters.dt)
+    law, inverse, _ = backward_sweep(optimum, reference, inputs.weights, undamped, MINIMUM_CURVATURE, grid, parameters)
+    return optimum, _sensitivity(inputs, optimum, law, inverse, tangents[0], parameters.dt)
 
 
 def _sensitivity(
     inputs: TrackingInputs,
     optimum: Trajectory,
-    policy: Policy,
+    law: ControlLaw,
     inverse: StageInverse,
     change: TrackingInputs,
     dt: float,
@@ -78,7 +79,7 @@ def _sensitivity(
     c, s = dt * jnp.cos(optimum.theta[:-1]), dt * jnp.sin(optimum.theta[:-1])
     d, e = -optimum.speed[:-1] * s, optimum.speed[:-1] * c
 
-    def back(costate, stage):
+    def back(costate: tuple, stage: tuple) -> tuple[tuple, tuple]:
         px, py, pv, pt = costate
         lx, ly, lw, la, c, s, d, e, gain, inv = stage
         gw, ga = lw + dt * pt, la + dt * pv
@@ -90,7 +91,7 @@ def _sensitivity(
         )
         return before, (-(inv.ww * gw + inv.wa * ga), -(inv.wa * gw + inv.aa * ga))
 
-    def forth(state, stage):
+    def forth(state: tuple, stage: tuple) -> tuple[tuple, tuple]:
         x, y, v, t = state
         kw, ka, c, s, d, e, gain = stage
         w = kw + gain.Kwx * x + gain.Kwy * y + gain.Kwv * v + gain.Kwt * t
@@ -98,8 +99,8 @@ def _sensitivity(
         return (x + c * v + d * t, y + s * v + e * t, v + dt * a, t + dt * w), (*state, w, a)
 
     zero = jnp.zeros_like(change.speed)
-    along = (lx[:-1], ly[:-1], lw, la, c, s, d, e, policy, inverse)
+    along = (lx[:-1], ly[:-1], lw, la, c, s, d, e, law, inverse)
     _, (kw, ka) = lax.scan(back, (lx[-1], ly[-1], zero, zero), along, reverse=True)
-    last, passed = lax.scan(forth, (zero, zero, change.speed, change.theta), (kw, ka, c, s, d, e, policy))
+    last, passed = lax.scan(forth, (zero, zero, change.speed, change.theta), (kw, ka, c, s, d, e, law))
     states = (jnp.concatenate([values, end[None]]) for values, end in zip(passed[:4], last))
     return Trajectory(*states, *passed[4:])

@@ -94,16 +94,18 @@ def _running_sum(increments: Float[Array, " m"]) -> Float[Array, " n"]:
     return jnp.concatenate([jnp.zeros_like(increments[:1]), jnp.cumsum(increments)])
 
 
-def rollout(initial_state: Float[Array, "4"], controls: Float[Array, "m 2"], dt: float = 1.0) -> Float[Array, "n 4"]:
-    """Motion that follows from the controls.
+def unicycle_rollout(
+    initial_state: Float[Array, "4"], controls: Float[Array, "m 2"], dt: float = 1.0
+) -> Float[Array, "n 4"]:
+    """Motion that follows from the controls (iWalker, eqs. 5-7).
 
     Args:
-        initial_state: (4,) [x, y, v, theta].
-        controls: (N-1, 2) [omega, a].
+        initial_state: (4,) [x, y, v, theta] [m, m, m/sample, rad].
+        controls: (N-1, 2) [omega, a] [rad/sample, m/sample^2].
         dt: time between points [samples].
 
     Returns:
-        (N, 4) states; every component is a running sum, so no step waits for another.
+        (N, 4) states, of the initial state's units; every component is a running sum, so no step waits for another.
     """
     theta = initial_state[3] + _running_sum(dt * controls[:, 0])
     speed = initial_state[2] + _running_sum(dt * controls[:, 1])

@@ -1,6 +1,6 @@
 """Unicycle model-predictive control: the best motion a unicycle can make along a reference path."""
 
-from typing import get_args
+from typing import Any, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ from iwalker_jax.optimization.solution import GradientMode, Solution, Status
 from iwalker_jax.optimization.unicycle.ddp import Trajectory, uniform_grid
 from iwalker_jax.optimization.unicycle.gradients import MINIMUM_CURVATURE, TrackingInputs, attach_derivatives
 from iwalker_jax.optimization.unicycle.model import UnicycleParameters, UnicyclePlan, tracking_cost
-from iwalker_jax.optimization.unicycle.solver import advance, begin, residual, solve_lanes
+from iwalker_jax.optimization.unicycle.solver import Iterate, advance, begin, residual, solve_lanes
 
 # Larger coordinates lose their squares in single precision.
 _LARGEST = 1e6
@@ -43,7 +43,7 @@ def solve_unicycle(
     Raises:
         InputError: for arrays of a wrong shape or an unknown gradient mode.
     """
-    _check(reference, initial_state, gradient, weights)
+    _check_inputs(reference, initial_state, gradient, weights)
     live_weights = parameters.weights().astype(reference.dtype) if weights is None else weights
     if gradient == "stopped":
         reference, initial_state, live_weights = lax.stop_gradient((reference, initial_state, live_weights))
@@ -57,9 +57,9 @@ def solve_unicycle(
     live_weights = jnp.where(usable_weights, live_weights, 1.0)
     inputs = TrackingInputs(relative[:, 0], relative[:, 1], state[2], state[3], live_weights)
 
-    best, length, flattest, iterations, speed, theta = _solve(lax.stop_gradient(inputs), parameters)
+    best, error, flattest, iterations, speed, theta = _solve(lax.stop_gradient(inputs), parameters)
     if gradient == "unrolled":
-        best, length, flattest = _unroll(inputs, speed, theta, parameters)
+        best, error, flattest = _unroll(inputs, speed, theta, parameters)
         trajectory = best
     else:
         trajectory = attach_derivatives(inputs, best, parameters)
@@ -68,8 +68,8 @@ def solve_unicycle(
     controls = jnp.stack(trajectory[4:], axis=-1)
     cost = tracking_cost(states, controls, relative, live_weights)
     states = states + jnp.concatenate([state[:2], jnp.zeros_like(state[:2])])
-    finite = usable & jnp.isfinite(length) & jnp.isfinite(cost)
-    solved = length <= parameters.tolerance
+    finite = usable & jnp.isfinite(error) & jnp.isfinite(cost)
+    solved = error <= parameters.tolerance
     status = jnp.where(solved, Status.CONVERGED, Status.MAX_ITERATIONS)
     if parameters.speed_bound is not None:
         overspeed = jnp.abs(states[1, 2]) > parameters.speed_bound * (1 + 1e-5)
@@ -77,10 +77,11 @@ def solve_unicycle(
     status = jnp.where(finite, status, Status.NON_FINITE).astype(jnp.int32)
     trusted = finite & solved & (flattest > MINIMUM_CURVATURE)
     plan = UnicyclePlan(states[:, :2], states, controls, cost)
-    return Solution(plan, status, length, iterations, trusted)
+    return Solution(plan, status, error, iterations, trusted)
 
 
-def _check(reference, initial_state, gradient, weights) -> None:
+def _check_inputs(reference: Array, initial_state: Array, gradient: str, weights: Array | None) -> None:
+    """Refuse shapes that do not fit and unknown gradient modes; works on tracers."""
     if reference.ndim != 2 or reference.shape[1] != 2 or reference.shape[0] < 3:
         raise InputError(f"The reference must be (N, 2) with N >= 3, got {reference.shape}; use jax.vmap for a batch.")
     if initial_state.shape != (4,):
@@ -91,32 +92,37 @@ def _check(reference, initial_state, gradient, weights) -> None:
         raise InputError(f"The gradient mode must be one of {get_args(GradientMode)}, got {gradient!r}.")
 
 
-def _solve(inputs: TrackingInputs, parameters: UnicycleParameters):
+class _Solved(NamedTuple):
+    """What the lanes return of each problem: the optimum, its residual and curvature, and where the search started."""
+
+    trajectory: Trajectory
+    residual: Array
+    curvature: Array
+    iterations: Array
+    speed: Array
+    theta: Array
+
+
+def _solve(inputs: TrackingInputs, parameters: UnicycleParameters) -> _Solved:
     """Solve one problem, with a rule that turns `jax.vmap`, however nested, into lanes of one batched solve.
 
     Left to itself vmap would put the batch in front of the time axis of every array the recursions touch.
     """
 
     @jax.custom_batching.custom_vmap
-    def lanes(*leaves):
+    def lanes(*leaves: Array) -> _Solved:
         inputs = TrackingInputs(*leaves)
         solved, speed, theta = solve_lanes(inputs, parameters)
-        return (
-            solved.trajectory,
-            residual(solved, inputs, parameters),
-            solved.curvature,
-            solved.iterations,
-            speed,
-            theta,
-        )
+        error = residual(solved, inputs, parameters)
+        return _Solved(solved.trajectory, error, solved.curvature, solved.iterations, speed, theta)
 
     @lanes.def_vmap
-    def _merge(size, batched, *leaves):
-        def widen(leaf, is_batched):
+    def _merge(size: int, batched: list[bool], *leaves: Array) -> tuple[_Solved, Any]:
+        def widen(leaf: Array, is_batched: bool) -> Array:
             leaf = jnp.moveaxis(leaf, 0, -1) if is_batched else jnp.repeat(leaf[..., None], size, axis=-1)
             return leaf.reshape(*leaf.shape[:-2], -1)
 
-        def split(leaf):
+        def split(leaf: Array) -> Array:
             return jnp.moveaxis(leaf.reshape(*leaf.shape[:-1], -1, size), -1, 0)
 
         outputs = jax.tree.map(split, lanes(*map(widen, leaves, batched)))
@@ -128,14 +134,13 @@ def _solve(inputs: TrackingInputs, parameters: UnicycleParameters):
 
 def _unroll(
     inputs: TrackingInputs, speed: Float[Array, " n"], theta: Float[Array, " n"], parameters: UnicycleParameters
-) -> tuple[Trajectory, Array, Array]:
+) -> tuple[Trajectory, Float[Array, ""], Float[Array, ""]]:
     """Repeat the iterations on the full grid, a fixed number of them, so that they can be differentiated."""
-
     inputs, speed, theta = jax.tree.map(lambda leaf: leaf[..., None], (inputs, speed, theta))
 
     grid = uniform_grid(inputs.x, parameters.dt)
 
-    def body(iterate, _):
+    def body(iterate: Iterate, _: None) -> tuple[Iterate, None]:
         return advance(iterate, inputs, grid, jnp.ones_like(inputs.speed, bool), parameters), None
 
     first = begin(inputs, speed, theta, grid, parameters)

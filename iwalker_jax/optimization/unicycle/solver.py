@@ -8,9 +8,16 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from iwalker_jax.optimization.unicycle.ddp import Grid, Policy, Trajectory, backward_sweep, forward_sweep, uniform_grid
+from iwalker_jax.optimization.unicycle.ddp import (
+    TimeGrid,
+    Trajectory,
+    backward_sweep,
+    forward_sweep,
+    uniform_grid,
+)
 from iwalker_jax.optimization.unicycle.gradients import TrackingInputs
 from iwalker_jax.optimization.unicycle.model import UnicycleParameters
+from iwalker_jax.optimization.unicycle.stage import ControlLaw
 from iwalker_jax.optimization.unicycle.starts import STARTS, coarse_grid, starting_motions
 
 # Step lengths tried side by side.
@@ -31,7 +38,7 @@ class Iterate(NamedTuple):
     Attributes:
         trajectory: the motion, (N, lanes) each.
         cost: (lanes,) its cost.
-        policy: the control law around it.
+        law: the control law around it.
         promised: (lanes,) decrease of the cost that the quadratic model promises.
         curvature: (lanes,) smallest curvature of any stage.
         damping: (lanes,) Levenberg-Marquardt damping.
@@ -40,7 +47,7 @@ class Iterate(NamedTuple):
 
     trajectory: Trajectory
     cost: Float[Array, " lanes"]
-    policy: Policy
+    law: ControlLaw
     promised: Float[Array, " lanes"]
     curvature: Float[Array, " lanes"]
     damping: Float[Array, " lanes"]
@@ -59,7 +66,7 @@ def begin(
     inputs: TrackingInputs,
     speed: Float[Array, "n lanes"],
     theta: Float[Array, "n lanes"],
-    grid: Grid,
+    grid: TimeGrid,
     parameters: UnicycleParameters,
 ) -> Iterate:
     """First iterate from speeds and headings over time."""
@@ -70,18 +77,18 @@ def begin(
     guess = Trajectory(
         nowhere, nowhere, speed, theta, jnp.diff(theta, axis=0) / grid.dt, jnp.diff(speed, axis=0) / grid.dt
     )
-    hold = Policy(*(still for _ in Policy._fields))
+    hold = ControlLaw(*(still for _ in ControlLaw._fields))
     reference = (inputs.x, inputs.y)
     trajectory, cost = forward_sweep(guess, hold, zero, reference, inputs.weights, grid, parameters)
-    policy, inverse, promised = backward_sweep(
+    law, inverse, promised = backward_sweep(
         trajectory, reference, inputs.weights, zero, _CURVATURE_FLOOR, grid, parameters
     )
     count = jnp.zeros(zero.shape, jnp.int32)
-    return Iterate(trajectory, cost, policy, promised, jnp.min(inverse.curvature, axis=0), zero, count)
+    return Iterate(trajectory, cost, law, promised, jnp.min(inverse.curvature, axis=0), zero, count)
 
 
 def advance(
-    iterate: Iterate, inputs: TrackingInputs, grid: Grid, active: Array, parameters: UnicycleParameters
+    iterate: Iterate, inputs: TrackingInputs, grid: TimeGrid, active: Array, parameters: UnicycleParameters
 ) -> Iterate:
     """Try several step lengths, keep the best one where it is an improvement, and sweep backwards from there."""
     reference = (inputs.x, inputs.y)
@@ -91,7 +98,7 @@ def advance(
     repeat = partial(jax.tree.map, lambda leaf: jnp.tile(leaf, len(_STEPS)))
     tried = jnp.repeat(jnp.asarray(_STEPS, iterate.cost.dtype), lanes)
     moved, costs = forward_sweep(
-        repeat(old), repeat(iterate.policy), tried, repeat(reference), repeat(inputs.weights), grid, parameters
+        repeat(old), repeat(iterate.law), tried, repeat(reference), repeat(inputs.weights), grid, parameters
     )
     moved = Trajectory(*(leaf.reshape(leaf.shape[0], len(_STEPS), lanes) for leaf in moved))
     best, least, new = (
@@ -112,18 +119,18 @@ def advance(
     lowered = jnp.where(iterate.damping < 5e-3, 0.0, 0.2 * iterate.damping)
     damping = jnp.where(accepted, jnp.where(best == 1.0, lowered, iterate.damping), raised)
     damping = jnp.where(active, damping, iterate.damping)
-    policy, inverse, promised = backward_sweep(
+    law, inverse, promised = backward_sweep(
         trajectory, reference, inputs.weights, damping, _CURVATURE_FLOOR, grid, parameters
     )
     curvature = jnp.min(inverse.curvature, axis=0)
     cost = jnp.where(accepted, least, iterate.cost)
-    return Iterate(trajectory, cost, policy, promised, curvature, damping, iterate.iterations + active)
+    return Iterate(trajectory, cost, law, promised, curvature, damping, iterate.iterations + active)
 
 
 def _improve(
     first: Iterate,
     inputs: TrackingInputs,
-    grid: Grid,
+    grid: TimeGrid,
     rivals: int,
     tolerance: float,
     limit: int,
@@ -138,7 +145,7 @@ def _improve(
         unfinished = ~(residual(iterate, inputs, parameters) <= tolerance)
         return unfinished & ~hopeless & (iterate.iterations < limit)
 
-    def body(carry):
+    def body(carry: tuple[Iterate, Array]) -> tuple[Iterate, Array]:
         iterate, mask = carry
         iterate = advance(iterate, inputs, grid, mask, parameters)
         return iterate, active(iterate)
@@ -166,7 +173,7 @@ def solve_lanes(
     speed, theta = starting_motions(inputs.x, inputs.y, inputs.speed, inputs.theta, stiffness, parameters.dt)
     few = inputs._replace(x=averaging @ inputs.x, y=averaging @ inputs.y)
     rivals = jax.tree.map(lambda leaf: jnp.tile(leaf, STARTS), few)
-    flat, grid = (mass.shape[0], -1), Grid(parameters.dt * steps, mass, steps)
+    flat, grid = (mass.shape[0], -1), TimeGrid(parameters.dt * steps, mass, steps)
     first = begin(rivals, speed.reshape(flat), theta.reshape(flat), grid, parameters)
     found = _improve(
         first, rivals, grid, STARTS, _COARSE_TOLERANCE, min(_COARSE_ITERATIONS, parameters.max_iterations), parameters

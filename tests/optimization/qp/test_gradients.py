@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.ugly_qps import ugly_qps
 from iwalker_jax.optimization import QpSettings, QuadraticProgram, Status, solve_qp
+from problems.hard_qps import hard_qps
 from tests.gradients import assert_gradients_agree
 
 FIELDS = ("P", "q", "C", "low", "high")
@@ -18,7 +18,7 @@ def point(gradient, settings, *arrays):
 
 
 def case(name: str, seed: int = 0) -> list[jax.Array]:
-    return [jnp.asarray(getattr(ugly_qps(seed)[name], field)) for field in FIELDS]
+    return [jnp.asarray(getattr(hard_qps(seed)[name], field)) for field in FIELDS]
 
 
 def test_implicit_gradients(x64):
@@ -60,13 +60,13 @@ def test_stopped_gradients_are_zero():
 
 
 def test_gradients_are_finite_whatever_happens():
-    """Property: no NaN leaves the solver, in value or gradient, on any ugly program."""
+    """Property: no NaN leaves the solver, in value or gradient, on any hard program."""
 
     def loss(arrays):
         return jnp.sum(point("implicit", QpSettings(), *arrays) ** 2)
 
     slope = jax.jit(jax.grad(loss))
-    for name in ugly_qps():
+    for name in hard_qps():
         arrays = [a.astype(jnp.float32) for a in case(name)]
         for result in slope(arrays):
             assert np.all(np.isfinite(result)), name

@@ -1,4 +1,4 @@
-"""General quadratic programs: answers against Clarabel, honest statuses on ugly ones, invariances, batches."""
+"""General quadratic programs: answers against Clarabel, honest statuses on hard ones, invariances, batches."""
 
 from dataclasses import replace
 from functools import partial
@@ -8,8 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.ugly_qps import ugly_qps
-from benchmarks.whole_body_qps import whole_body_qps
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization import (
     QpPoint,
@@ -21,6 +19,8 @@ from iwalker_jax.optimization import (
     explain,
     solve_qp,
 )
+from problems.hard_qps import hard_qps
+from problems.whole_body_qps import whole_body_qps
 from tests.optimization.qp.qp_peers import clarabel_solution
 
 solve = jax.jit(solve_qp, static_argnames=("settings", "gradient"))
@@ -61,9 +61,9 @@ def assert_truthful(case, solution, tolerance: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_ugly_programs_in_single_precision(seed):
+def test_hard_programs_in_single_precision(seed):
     missed = 0
-    for case in ugly_qps(seed).values():
+    for case in hard_qps(seed).values():
         case = case._replace(**{k: np.asarray(getattr(case, k), np.float32) for k in ("P", "q", "C", "low", "high")})
         solution = jax.device_get(solve(program(case)))
         assert_truthful(case, solution, 3e-3)
@@ -72,8 +72,8 @@ def test_ugly_programs_in_single_precision(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_ugly_programs_in_double_precision(x64, seed):
-    for name, case in ugly_qps(seed).items():
+def test_hard_programs_in_double_precision(x64, seed):
+    for name, case in hard_qps(seed).items():
         solution = jax.device_get(solve(program(case, jnp.float64)))
         assert_truthful(case, solution, 1e-5)
         if case.outcome == "solved" and name != "semidefinite":
@@ -100,7 +100,7 @@ def test_least_violation(x64):
 
 
 def test_crossed_bounds_are_infeasible():
-    case = program(ugly_qps()["benign"])
+    case = program(hard_qps()["benign"])
     solution = solve(replace(case, low=case.low.at[0].set(case.high[0] + 1)))
     assert int(solution.status) == Status.INFEASIBLE
     assert_finite(solution)
@@ -108,7 +108,7 @@ def test_crossed_bounds_are_infeasible():
 
 @pytest.mark.parametrize("field", ["P", "q", "C", "low", "high"])
 def test_nan_is_reported_and_kept_out(field):
-    case = program(ugly_qps()["benign"])
+    case = program(hard_qps()["benign"])
     array = getattr(case, field)
     solution = solve(replace(case, **{field: array.at[(0,) * array.ndim].set(jnp.nan)}))
     assert int(solution.status) == Status.NON_FINITE and not bool(solution.gradient_valid)
@@ -117,7 +117,7 @@ def test_nan_is_reported_and_kept_out(field):
 
 def test_rows_may_be_scaled_and_permuted(x64):
     """Property: the solution does not depend on the rows' scales and order; multipliers follow."""
-    case = program(ugly_qps()["benign"], jnp.float64)
+    case = program(hard_qps()["benign"], jnp.float64)
     rng = np.random.default_rng(0)
     order, scale = rng.permutation(case.low.size), 10 ** rng.uniform(-3, 3, case.low.size)
     rows = {k: scale * getattr(case, k)[order] for k in ("low", "high")}
@@ -187,7 +187,7 @@ def test_whole_body_torques(settings):
 
 def test_warm_start_needs_no_search(x64):
     """Property: from the solution, only the active rows are swept in."""
-    case = program(ugly_qps()["benign"], jnp.float64)
+    case = program(hard_qps()["benign"], jnp.float64)
     cold = solve(case)
     warm = solve(case, cold.value)
     np.testing.assert_allclose(warm.value.x, cold.value.x, atol=1e-9)
@@ -195,7 +195,7 @@ def test_warm_start_needs_no_search(x64):
 
 
 def test_starts_of_any_quality_give_the_same_answer():
-    case = program(ugly_qps()["equalities"])
+    case = program(hard_qps()["equalities"])
     expected = solve(case)
     for size in (1.0, 1e6, np.nan):
         rng = np.random.default_rng(1)
@@ -209,7 +209,7 @@ def test_starts_of_any_quality_give_the_same_answer():
 
 
 def test_wrong_calls_are_refused():
-    case = program(ugly_qps()["benign"])
+    case = program(hard_qps()["benign"])
     with pytest.raises(InputError, match="gradient"):
         solve_qp(case, gradient="exact")
     with pytest.raises(InputError, match="shapes"):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from iwalker_jax.optimization.steps.box_qp import PENALTIES, bound_solver, find_active_set
+from iwalker_jax.optimization.steps.box_qp import PENALTIES, bound_solver, find_active_bounds
 
 find = jax.jit(
-    lambda inverse, operators, free, low, high: find_active_set(lambda i: operators[i], inverse, free, low, high)
+    lambda inverse, operators, free, low, high: find_active_bounds(lambda i: operators[i], inverse, free, low, high)
 )
 
 

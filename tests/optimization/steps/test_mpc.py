@@ -11,12 +11,12 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy import sparse
 
-from benchmarks.step_qp import build_step_qp, irregular_walk, step_map
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import Status
 from iwalker_jax.optimization.steps.hlip import HlipParameters, divergent_component, orbit_p2
 from iwalker_jax.optimization.steps.mpc import solve_step_mpc
 from iwalker_jax.optimization.steps.problem import StepMpcWeights
+from problems.step_qps import build_step_qp, irregular_walk, step_map
 
 BRUCE = HlipParameters()
 PHYSICS = [BRUCE, HlipParameters(0.8, 0.24, 0.1), HlipParameters(0.3, 0.5, 0.05), HlipParameters(1.2, 0.1, 0.3)]

@@ -9,7 +9,6 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy import sparse
 
-from benchmarks.step_qp import build_step_qp, irregular_walk, step_map
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import Status
 from iwalker_jax.optimization.steps import box_qp
@@ -18,6 +17,7 @@ from iwalker_jax.optimization.steps.mpc import solve_step_mpc
 from iwalker_jax.optimization.steps.mpc_bounded import solve_bounded_step_mpc
 from iwalker_jax.optimization.steps.problem import StepMpcWeights
 from iwalker_jax.optimization.steps.reach import StepReach, step_bounds
+from problems.step_qps import build_step_qp, irregular_walk, step_map
 
 BRUCE = HlipParameters()
 HORIZON = 12

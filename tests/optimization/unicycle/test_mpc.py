@@ -8,7 +8,7 @@ import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import Status
-from iwalker_jax.optimization.unicycle.model import UnicycleParameters, initial_state_from_reference, rollout
+from iwalker_jax.optimization.unicycle.model import UnicycleParameters, initial_state_from_reference, unicycle_rollout
 from iwalker_jax.optimization.unicycle.mpc import solve_unicycle
 
 FREE = UnicycleParameters()
@@ -74,7 +74,7 @@ def _zero_guess(state, parameters, points=100):
     class Guess:
         pass
 
-    Guess.controls, Guess.states = controls, rollout(jnp.asarray(state, jnp.float32), controls, parameters.dt)
+    Guess.controls, Guess.states = controls, unicycle_rollout(jnp.asarray(state, jnp.float32), controls, parameters.dt)
     return Guess
 
 

@@ -1,4 +1,4 @@
-"""The step MPC as a plain QP in NumPy, for general solvers: physical states kept as variables, nothing eliminated."""
+"""The step MPC as a plain QP, for general solvers: physical states kept as variables, nothing eliminated."""
 
 from typing import NamedTuple
 
