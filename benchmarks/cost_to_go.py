@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix  # noqa: E402
 from scipy.sparse.csgraph import dijkstra  # noqa: E402
 
 from benchmarks.timing import compiled, in_turns  # noqa: E402
-from iwalker_jax.optimization.solution import Solution  # noqa: E402
+from iwalker_jax.optimization import Solution  # noqa: E402
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go  # noqa: E402
 from iwalker_jax.perception.grid import GridSpec  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402

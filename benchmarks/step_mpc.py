@@ -20,12 +20,15 @@ from jaxtyping import Array  # noqa: E402
 from scipy import sparse  # noqa: E402
 
 from benchmarks.timing import timed  # noqa: E402
-from iwalker_jax.optimization.solution import Status  # noqa: E402
-from iwalker_jax.optimization.steps.hlip import HlipParameters  # noqa: E402
-from iwalker_jax.optimization.steps.mpc import solve_step_mpc  # noqa: E402
-from iwalker_jax.optimization.steps.mpc_bounded import solve_bounded_step_mpc  # noqa: E402
-from iwalker_jax.optimization.steps.problem import StepMpcWeights  # noqa: E402
-from iwalker_jax.optimization.steps.reach import StepReach, step_bounds  # noqa: E402
+from iwalker_jax.optimization import (  # noqa: E402
+    HlipParameters,
+    Status,
+    StepMpcWeights,
+    StepReach,
+    solve_bounded_step_mpc,
+    solve_step_mpc,
+    step_bounds,
+)
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 from problems.step_qps import StepQp, build_step_qp, irregular_walk  # noqa: E402
 

@@ -24,9 +24,7 @@ from benchmarks.timing import in_turns, timed  # noqa: E402
 from iwalker_jax.data.frame_set import DEPTH_UNIT, FrameSet  # noqa: E402
 from iwalker_jax.data.sources import DataConfig, load_training_frames  # noqa: E402
 from iwalker_jax.geometry.splines import resample_by_arc_length  # noqa: E402
-from iwalker_jax.optimization.steps.mpc import solve_step_mpc  # noqa: E402
-from iwalker_jax.optimization.unicycle.model import initial_state_from_reference  # noqa: E402
-from iwalker_jax.optimization.unicycle.mpc import solve_unicycle  # noqa: E402
+from iwalker_jax.optimization import initial_state_from_reference, solve_step_mpc, solve_unicycle  # noqa: E402
 from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 from iwalker_jax.training.batches import TrainingBatch, frame_order, gather_batch  # noqa: E402

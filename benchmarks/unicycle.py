@@ -21,8 +21,11 @@ import osqp  # noqa: E402
 from scipy import sparse  # noqa: E402
 
 from benchmarks.timing import once, timed  # noqa: E402
-from iwalker_jax.optimization.unicycle.model import UnicycleParameters, initial_state_from_reference  # noqa: E402
-from iwalker_jax.optimization.unicycle.mpc import solve_unicycle  # noqa: E402
+from iwalker_jax.optimization import (  # noqa: E402
+    UnicycleParameters,
+    initial_state_from_reference,
+    solve_unicycle,
+)
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 
 POINTS = 100

@@ -20,7 +20,7 @@ from benchmarks.timing import once
 from bruce_model import load_mujoco
 from iwalker_jax.control.controller import make_controller
 from iwalker_jax.control.footstep_plan import FootstepPlan, make_plan, velocity_footsteps
-from iwalker_jax.optimization.qp.settings import QpSettings
+from iwalker_jax.optimization import QpSettings
 from iwalker_jax.robot.leg_kinematics import load_leg_kinematics
 from iwalker_jax.robot.model import load_robot
 from iwalker_jax.runtime.devices import machine

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from iwalker_jax.control.footstep_plan import make_plan, velocity_footsteps
-from iwalker_jax.optimization.qp.problem import QuadraticProgram
+from iwalker_jax.optimization import QuadraticProgram
 from iwalker_jax.walking.rollout import Conditions, WalkState, decide, start_walk, walk_tick
 from iwalker_jax.walking.setup import Disturbances, default_walker, sample_conditions
 

@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from iwalker_jax.optimization.steps.hlip import HlipParameters
-from iwalker_jax.optimization.steps.problem import StepMpcWeights
+from iwalker_jax.optimization import HlipParameters, StepMpcWeights
 
 
 class StepQp(NamedTuple):

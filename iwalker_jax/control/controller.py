@@ -23,10 +23,7 @@ from iwalker_jax.control.whole_body import (
     reduced_dynamics,
     whole_body_program,
 )
-from iwalker_jax.optimization.qp.problem import QuadraticProgram
-from iwalker_jax.optimization.qp.settings import QpSettings, control_settings
-from iwalker_jax.optimization.qp.solver import QpPoint, solve_qp
-from iwalker_jax.optimization.solution import Solution
+from iwalker_jax.optimization import QpPoint, QpSettings, QuadraticProgram, Solution, control_settings, solve_qp
 from iwalker_jax.robot.model import LEG_JOINTS, RobotModel
 from iwalker_jax.robot.rigid_body import RigidBodyTerms
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from iwalker_jax.control.footstep_plan import LEFT, RIGHT
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
-from iwalker_jax.optimization.steps.reach import StepReach
+from iwalker_jax.optimization import StepReach
 
 _LARGEST_TURN = 0.6  # rad between successive feet; the hip yaws by half of it either way
 _NAMES = ("right", "left")

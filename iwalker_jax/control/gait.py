@@ -12,7 +12,7 @@ from iwalker_jax.control.stepping import SteppingGains, choose_step
 from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
 from iwalker_jax.geometry.planar import turn
 from iwalker_jax.geometry.rotations import angle_between
-from iwalker_jax.optimization.steps.hlip import pendulum_flow
+from iwalker_jax.optimization import pendulum_flow
 
 _DONE = 0.999  # phase at which a swing counts as over
 

@@ -4,9 +4,7 @@ from dataclasses import dataclass
 
 from iwalker_jax.checks import require_range
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.steps.hlip import HlipParameters
-from iwalker_jax.optimization.steps.problem import StepMpcWeights
-from iwalker_jax.optimization.steps.reach import StepReach
+from iwalker_jax.optimization import HlipParameters, StepMpcWeights, StepReach
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,7 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.geometry.planar import turn
-from iwalker_jax.optimization.steps.hlip import pendulum_flow, step_matrices
-from iwalker_jax.optimization.steps.mpc import solve_step_mpc
+from iwalker_jax.optimization import pendulum_flow, solve_step_mpc, step_matrices
 
 _SHARES = 9  # candidate durations of the rest of a step
 

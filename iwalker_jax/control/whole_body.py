@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.control.parameters import WholeBodyParameters
 from iwalker_jax.control.tasks import Task
-from iwalker_jax.optimization.qp.problem import QuadraticProgram
+from iwalker_jax.optimization import QuadraticProgram
 from iwalker_jax.robot.rigid_body import RigidBodyTerms
 
 CONTACT_FEET = (0, 0, 1, 1)

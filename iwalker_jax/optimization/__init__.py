@@ -25,6 +25,7 @@ from iwalker_jax.optimization.steps import (
     pendulum_flow,
     solve_bounded_step_mpc,
     solve_step_mpc,
+    step_bounds,
     step_matrices,
 )
 from iwalker_jax.optimization.unicycle import (
@@ -65,6 +66,7 @@ __all__ = [
     "solve_qp",
     "solve_step_mpc",
     "solve_unicycle",
+    "step_bounds",
     "step_matrices",
     "unicycle_rollout",
 ]

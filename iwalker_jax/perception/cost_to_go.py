@@ -19,7 +19,7 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.solution import Solution, Status
+from iwalker_jax.optimization import Solution, Status
 from iwalker_jax.perception.grid import GridSpec
 
 UNREACHABLE = 1e6

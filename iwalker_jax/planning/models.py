@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 
-from iwalker_jax.optimization.steps.hlip import HlipParameters
-from iwalker_jax.optimization.steps.problem import StepMpcWeights
-from iwalker_jax.optimization.unicycle.model import UnicycleParameters
+from iwalker_jax.optimization import HlipParameters, StepMpcWeights, UnicycleParameters
 from iwalker_jax.perception.traversal import TraversalParameters
 from iwalker_jax.planning.robot_state import StepGeometry
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.sides import Side, side_sign
-from iwalker_jax.optimization.steps.hlip import HlipParameters, pendulum_flow
+from iwalker_jax.optimization import HlipParameters, pendulum_flow
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from iwalker_jax.data.frame_set import DEPTH_UNIT
-from iwalker_jax.optimization.steps.hlip import HlipParameters
+from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry, sample_robot_state
 from iwalker_jax.training.maps import FrameMaps, TrainingData
 

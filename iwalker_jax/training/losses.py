@@ -10,10 +10,7 @@ from jaxtyping import Array, Bool, Float
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.norms import safe_norm
 from iwalker_jax.geometry.splines import resample_by_arc_length
-from iwalker_jax.optimization.solution import GradientMode
-from iwalker_jax.optimization.steps.mpc import solve_step_mpc
-from iwalker_jax.optimization.unicycle.model import initial_state_from_reference
-from iwalker_jax.optimization.unicycle.mpc import solve_unicycle
+from iwalker_jax.optimization import GradientMode, initial_state_from_reference, solve_step_mpc, solve_unicycle
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
 from iwalker_jax.perception.seen_route import ROUTE_GRID

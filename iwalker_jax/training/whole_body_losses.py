@@ -19,8 +19,7 @@ from iwalker_jax.control.gait_state import GaitReference
 from iwalker_jax.control.stepping import choose_step
 from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
 from iwalker_jax.control.whole_body import CONTACT_FEET, GRAVITY, reduced_dynamics, whole_body_program
-from iwalker_jax.optimization.qp.solver import solve_qp
-from iwalker_jax.optimization.steps.hlip import pendulum_flow
+from iwalker_jax.optimization import pendulum_flow, solve_qp
 from iwalker_jax.planning.robot_state import RobotState
 from iwalker_jax.robot.model import LEG_JOINTS, RobotModel, load_robot
 from iwalker_jax.robot.placement import place_robot

@@ -27,7 +27,7 @@ from iwalker_jax.estimation import (
     initial_sensors,
     simulate_sensors,
 )
-from iwalker_jax.optimization.solution import Status
+from iwalker_jax.optimization import Status
 from iwalker_jax.robot.leg_kinematics import LegKinematics
 from iwalker_jax.robot.model import LEG_JOINTS, RobotModel
 from iwalker_jax.robot.physics import ContactSolver, PhysicsState, complete_step, initial_state

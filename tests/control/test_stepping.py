@@ -8,8 +8,7 @@ from scipy.integrate import solve_ivp
 
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.control.stepping import choose_step, stepping_gains
-from iwalker_jax.optimization.steps.hlip import orbit_p1, pendulum_flow, step_matrices
-from iwalker_jax.optimization.steps.mpc import solve_step_mpc
+from iwalker_jax.optimization import orbit_p1, pendulum_flow, solve_step_mpc, step_matrices
 
 GAIT = GaitParameters()
 

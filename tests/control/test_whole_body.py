@@ -10,7 +10,7 @@ import quadprog
 from iwalker_jax.control.controller import control_step, initial_controller, make_controller
 from iwalker_jax.control.footstep_plan import make_plan, velocity_footsteps
 from iwalker_jax.control.whole_body import reduced_dynamics
-from iwalker_jax.optimization.solution import Status
+from iwalker_jax.optimization import Status
 from iwalker_jax.robot.rigid_body import rigid_body_terms
 
 

@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.solution import Status
+from iwalker_jax.optimization import Status
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go, descend
 from iwalker_jax.perception.grid import GridSpec
 

@@ -7,7 +7,7 @@ import pytest
 from flax import nnx
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.steps.hlip import HlipParameters
+from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.perception.local_map import build_local_map
 from iwalker_jax.planning.ipath import IPathConfig

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from iwalker_jax.optimization.steps.hlip import HlipParameters
+from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.planning.footsteps import closest_on_path, footstep_sides, nominal_footsteps
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry, pre_impact_planes, sample_robot_state
 from tests.gradients import assert_gradients_agree

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import nnx
 
-from iwalker_jax.optimization.steps.hlip import HlipParameters
+from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.planning.istepper import IStepper, IStepperConfig
 from iwalker_jax.planning.planner import PATH_POINTS, Planner, PlannerConfig, waypoints_to_path
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry, sample_robot_state

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from iwalker_jax.optimization.steps.hlip import HlipParameters
+from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.local_map import build_local_map
 from iwalker_jax.planning.robot_state import StepGeometry

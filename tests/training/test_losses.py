@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.steps.hlip import HlipParameters
+from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.seen_route import ROUTE_GRID
 from iwalker_jax.planning.footsteps import nominal_footsteps

@@ -8,9 +8,7 @@ from jaxtyping import Array, Bool, Float
 from iwalker_jax.geometry.norms import safe_norm
 from iwalker_jax.geometry.planar import to_world
 from iwalker_jax.geometry.splines import arc_length, resample_by_arc_length
-from iwalker_jax.optimization.steps.mpc import solve_step_mpc
-from iwalker_jax.optimization.unicycle.model import initial_state_from_reference
-from iwalker_jax.optimization.unicycle.mpc import solve_unicycle
+from iwalker_jax.optimization import initial_state_from_reference, solve_step_mpc, solve_unicycle
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
 from iwalker_jax.perception.grid import PUBLISHED_GRID
 from iwalker_jax.perception.map_sampling import sample_bilinear

@@ -154,11 +154,11 @@ def check_program_values(problem: QuadraticProgram) -> None:
         if not np.all(np.isfinite(array)):
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
             raise InputError(f"{name} is {array[where]} at {where}; give finite numbers.")
-    for name, array, wrong in (("low", low, np.inf), ("high", high, -np.inf)):
-        bad = np.isnan(array) | (array == wrong)
+    for name, array, unusable in (("low", low, np.inf), ("high", high, -np.inf)):
+        bad = np.isnan(array) | (array == unusable)
         if np.any(bad):
             row = int(np.flatnonzero(bad)[0])
-            raise InputError(f"{name} is {array[row]} in row {row}; give a number, or {-wrong} for no bound.")
+            raise InputError(f"{name} is {array[row]} in row {row}; give a number, or {-unusable} for no bound.")
     if np.any(low > high):
         row = int(np.flatnonzero(low > high)[0])
         name = next((name for name, rows in named_rows(problem.blocks, len(low)) if rows.start <= row < rows.stop), "")

@@ -14,7 +14,7 @@ from iwalker_jax.evaluation.frames.metrics import (
     to_world,
     true_metrics,
 )
-from iwalker_jax.optimization.steps.mpc import solve_step_mpc
+from iwalker_jax.optimization import solve_step_mpc
 from iwalker_jax.perception.grid import PUBLISHED_GRID
 from iwalker_jax.planning.footsteps import nominal_footsteps
 from iwalker_jax.planning.models import PlannerModels

@@ -12,10 +12,14 @@ from jax.flatten_util import ravel_pytree
 from scipy import sparse
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.solution import Status
-from iwalker_jax.optimization.steps.hlip import HlipParameters, divergent_component, orbit_p2
-from iwalker_jax.optimization.steps.mpc import solve_step_mpc
-from iwalker_jax.optimization.steps.problem import StepMpcWeights
+from iwalker_jax.optimization import (
+    HlipParameters,
+    Status,
+    StepMpcWeights,
+    divergent_component,
+    orbit_p2,
+    solve_step_mpc,
+)
 from problems.step_qps import build_step_qp, irregular_walk, step_map
 
 BRUCE = HlipParameters()

@@ -10,13 +10,16 @@ from jax.flatten_util import ravel_pytree
 from scipy import sparse
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.solution import Status
+from iwalker_jax.optimization import (
+    HlipParameters,
+    Status,
+    StepMpcWeights,
+    StepReach,
+    solve_bounded_step_mpc,
+    solve_step_mpc,
+    step_bounds,
+)
 from iwalker_jax.optimization.steps import box_qp
-from iwalker_jax.optimization.steps.hlip import HlipParameters
-from iwalker_jax.optimization.steps.mpc import solve_step_mpc
-from iwalker_jax.optimization.steps.mpc_bounded import solve_bounded_step_mpc
-from iwalker_jax.optimization.steps.problem import StepMpcWeights
-from iwalker_jax.optimization.steps.reach import StepReach, step_bounds
 from problems.step_qps import build_step_qp, irregular_walk, step_map
 
 BRUCE = HlipParameters()

@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.optimization.solution import Status
-from iwalker_jax.optimization.unicycle.model import UnicycleParameters, initial_state_from_reference, unicycle_rollout
-from iwalker_jax.optimization.unicycle.mpc import solve_unicycle
+from iwalker_jax.optimization import (
+    Status,
+    UnicycleParameters,
+    initial_state_from_reference,
+    solve_unicycle,
+    unicycle_rollout,
+)
 
 FREE = UnicycleParameters()
 _solve = jax.jit(solve_unicycle, static_argnums=(2, 3))
