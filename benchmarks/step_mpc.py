@@ -1,4 +1,4 @@
-"""Step MPC: time and error beside OSQP and Clarabel on the same problems.
+"""Step MPC: time and error beside OSQP, Clarabel and our own general QP solver on the same problems.
 
 Run: python -m benchmarks.step_mpc [--horizon 20] [--batch 16]
 """
@@ -22,10 +22,12 @@ from scipy import sparse  # noqa: E402
 from benchmarks.timing import timed  # noqa: E402
 from iwalker_jax.optimization import (  # noqa: E402
     HlipParameters,
+    QuadraticProgram,
     Status,
     StepMpcWeights,
     StepReach,
     solve_bounded_step_mpc,
+    solve_qp,
     solve_step_mpc,
     step_bounds,
 )
@@ -88,6 +90,12 @@ def osqp_solver(qp: StepQp, low: np.ndarray, high: np.ndarray, tolerance: float)
     return solver
 
 
+def general_program(qp: StepQp, low: np.ndarray, high: np.ndarray) -> QuadraticProgram:
+    """The QP for `solve_qp`, in single precision like ours."""
+    rows, ends = np.concatenate([qp.dynamics, qp.heading]), (np.concatenate([qp.drift, x]) for x in (low, high))
+    return QuadraticProgram(*(jnp.asarray(x, jnp.float32) for x in (qp.hessian, qp.linear, rows, *ends)))
+
+
 def row(name: str, call: Callable[[], object], count: int, error: float, repeats: int) -> float:
     """Print one line and return the time of one problem [ms]."""
     first, best, median = (1e3 * seconds for seconds in timed(call, repeats=repeats))
@@ -124,6 +132,11 @@ def compare(title: str, plan: Plan, low: np.ndarray, high: np.ndarray, config: C
         error = 1e3 * float(np.abs(qps[0].unpack(z)[0] - exact[0]).max())
         peer = row(f"OSQP {tolerance:g}, factorised before", again, 1, error, 20)
         print(f"{'':34s}takes {peer / single:.1f} x our time for one problem, {peer / batch:.1f} x in a batch")
+    program = general_program(qps[0], low, high)
+    general = jax.jit(solve_qp)
+    solution = general(program)
+    error = 1e3 * float(np.abs(qps[0].unpack(np.asarray(solution.value.x, float))[0] - exact[0]).max())
+    row(f"solve_qp, {Status(int(solution.status)).name.lower()}", lambda: general(program), 1, error, 20)
     row("Clarabel, with its set-up", lambda: clarabel_solver(qps[0], low, high).solve().status, 1, 0.0, 20)
 
 
