@@ -92,8 +92,10 @@ def osqp_solver(qp: StepQp, low: np.ndarray, high: np.ndarray, tolerance: float)
 
 def general_program(qp: StepQp, low: np.ndarray, high: np.ndarray) -> QuadraticProgram:
     """The QP for `solve_qp`, in single precision like ours."""
-    rows, ends = np.concatenate([qp.dynamics, qp.heading]), (np.concatenate([qp.drift, x]) for x in (low, high))
-    return QuadraticProgram(*(jnp.asarray(x, jnp.float32) for x in (qp.hessian, qp.linear, rows, *ends)))
+    rows = np.concatenate([qp.dynamics, qp.heading])
+    ends = (np.concatenate([qp.drift, x]) for x in (low, high))
+    P, q, C, lowest, highest = (jnp.asarray(x, jnp.float32) for x in (qp.hessian, qp.linear, rows, *ends))
+    return QuadraticProgram(P, q, C, lowest, highest)
 
 
 def row(name: str, call: Callable[[], object], count: int, error: float, repeats: int) -> float:
