@@ -11,6 +11,7 @@ configure_runtime(host_devices=2)
 configure_rendering()
 
 import jax  # noqa: E402
+import jaxtyping  # noqa: E402
 
 from bruce_model import load_mujoco  # noqa: E402
 from iwalker_jax.navigation.body_volume import load_body_volume  # noqa: E402
@@ -32,6 +33,15 @@ def x64():
     """Run one test in double precision."""
     with jax.enable_x64(True):
         yield
+
+
+@pytest.fixture
+def unchecked_types():
+    """Let a call that is wrong on purpose reach the function's own check, in a run that checks types and shapes too."""
+    before = jaxtyping.config.jaxtyping_disable
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", before)
 
 
 @pytest.fixture(scope="session")

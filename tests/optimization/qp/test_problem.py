@@ -31,7 +31,7 @@ def test_save_and_load(tmp_path):
         ({"C": np.ones((2, 3))}, "shapes"),
     ],
 )
-def test_bad_programs_are_refused(change, words):
+def test_bad_programs_are_refused(change, words, unchecked_types):
     arrays = {"P": EYE, "q": np.zeros(2), "C": EYE, "low": -np.ones(2), "high": np.ones(2)} | change
     with pytest.raises(InputError, match=words):
         quadratic_program(**arrays)

@@ -208,7 +208,7 @@ def test_starts_of_any_quality_give_the_same_answer():
         np.testing.assert_allclose(solution.value.x, expected.value.x, atol=1e-3)
 
 
-def test_wrong_calls_are_refused():
+def test_wrong_calls_are_refused(unchecked_types):
     case = program(hard_qps()["benign"])
     with pytest.raises(InputError, match="gradient"):
         solve_qp(case, gradient="exact")

@@ -256,7 +256,7 @@ def test_bad_values_are_reported(where):
         assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(slopes))
 
 
-def test_host_errors():
+def test_host_errors(unchecked_types):
     """Wrong shapes, modes and weights raise one clear sentence."""
     footsteps, state = walk(6)
     with pytest.raises(InputError, match="footsteps have shape"):

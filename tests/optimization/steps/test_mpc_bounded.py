@@ -270,7 +270,7 @@ def test_bad_values_are_reported(where):
     assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(solution.value))
 
 
-def test_wrong_heading_shape():
+def test_wrong_heading_shape(unchecked_types):
     """The message gives the wanted shape."""
     footsteps, state, headings = rough_walk(0)
     with pytest.raises(InputError, match="headings have shape"):

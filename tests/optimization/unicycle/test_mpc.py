@@ -268,7 +268,7 @@ def test_too_fast_a_start_is_reported_and_slowed_down():
     assert np.max(solution.value.states[5:, 2]) <= 0.05 + 1e-6
 
 
-def test_bad_shapes_and_modes_are_refused():
+def test_bad_shapes_and_modes_are_refused(unchecked_types):
     """One clear sentence each."""
     reference, state = jnp.zeros((100, 2)), jnp.zeros(4)
     with pytest.raises(InputError, match="reference must be"):
