@@ -8,7 +8,7 @@ from flax import nnx
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.sides import Side
-from iwalker_jax.optimization.steps.hlip import HlipParameters
+from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.perception.camera import CameraMount
 from iwalker_jax.planning.ipath import IPathConfig
 from iwalker_jax.planning.planner import PATH_POINTS, Planner, PlannerConfig
