@@ -17,8 +17,9 @@ from iwalker_jax.optimization.unicycle.stage import (
     control_limits,
     convexified,
     cost_before,
-    cost_before_on_speed_bound,
     expand,
+    follow_speed_bound,
+    gradient_before,
 )
 
 
@@ -93,11 +94,11 @@ def backward_sweep(
         q, curvature, shift = convexified(expand(after, stage), stage, damping, curvature_floor)
         controls, inverse = best_controls(q, curvature, shift, stage, parameters)
         law = control_law(q, controls, inverse)
-        if parameters.speed_bound is None:
-            return cost_before(q, law, after.promised), (law, inverse)
-        ride = -controls.on_speed_bound / stage.dt
-        before, law = cost_before_on_speed_bound(q, law, inverse, ride, after.promised)
-        return before, (law, inverse)
+        gradient = gradient_before(q, law)
+        if parameters.speed_bound is not None:
+            ride = -controls.on_speed_bound / stage.dt
+            q, law, gradient = follow_speed_bound(q, law, gradient, inverse, ride)
+        return cost_before(q, law, gradient, after.promised), (law, inverse)
 
     zero = jnp.zeros_like(ex[-1])
     hessian = (zero + mass[-1], zero, zero + mass[-1], zero, zero, zero, zero, zero, zero, zero)

@@ -133,6 +133,15 @@ class ControlChange(NamedTuple):
     on_speed_bound: Array
 
 
+class StateGradient(NamedTuple):
+    """Gradient of a cost to go by the state."""
+
+    x: Array
+    y: Array
+    v: Array
+    t: Array
+
+
 def control_limits(
     speed: Float[Array, "*b"], dt: Float[Array, "*g"], parameters: UnicycleParameters
 ) -> tuple[Float[Array, "*b"], Float[Array, "*b"], Float[Array, "*b"], Float[Array, "*b"]]:
@@ -188,20 +197,11 @@ def expand(after: CostToGo, stage: Stage) -> Expansion:
     Pdx, Pdy = P.xx * d + P.xy * e + P.xt, P.xy * d + P.yy * e + P.yt
     Pdv, Pdt = P.xv * d + P.yv * e + P.vt, P.xt * d + P.yt * e + P.tt
     return Expansion(
-        xx=P.xx + stage.position,
-        xy=P.xy,
-        yy=P.yy + stage.position,
-        xv=Pcx,
-        xt=Pdx,
-        yv=Pcy,
-        yt=Pdy,
         vv=c * Pcx + s * Pcy + Pcv,
         vt=c * Pdx + s * Pdy + Pdv + (c * P.y - s * P.x),
         tt=d * Pdx + e * Pdy + Pdt - v * (c * P.x + s * P.y),
-        x=P.x + stage.x,
-        y=P.y + stage.y,
-        v=c * P.x + s * P.y + P.v,
-        t=d * P.x + e * P.y + P.t,
+        w=stage.turn * stage.w + dt * P.t,
+        a=stage.acceleration * stage.a + dt * P.v,
         wx=dt * P.xt,
         wy=dt * P.yt,
         wv=dt * Pct,
@@ -213,8 +213,17 @@ def expand(after: CostToGo, stage: Stage) -> Expansion:
         ww=stage.turn + dt * dt * P.tt,
         wa=dt * dt * P.vt,
         aa=stage.acceleration + dt * dt * P.vv,
-        w=stage.turn * stage.w + dt * P.t,
-        a=stage.acceleration * stage.a + dt * P.v,
+        v=c * P.x + s * P.y + P.v,
+        t=d * P.x + e * P.y + P.t,
+        x=P.x + stage.x,
+        y=P.y + stage.y,
+        xx=P.xx + stage.position,
+        xy=P.xy,
+        yy=P.yy + stage.position,
+        xv=Pcx,
+        xt=Pdx,
+        yv=Pcy,
+        yt=Pdy,
     )
 
 
@@ -268,20 +277,45 @@ def control_law(q: Expansion, controls: ControlChange, inverse: StageInverse) ->
         kw=controls.w,
         ka=controls.a,
         Kwx=-(Iww * q.wx + Iwa * q.ax),
-        Kwy=-(Iww * q.wy + Iwa * q.ay),
-        Kwv=-(Iww * q.wv + Iwa * q.av),
-        Kwt=-(Iww * q.wt + Iwa * q.at),
         Kax=-(Iwa * q.wx + Iaa * q.ax),
+        Kwy=-(Iww * q.wy + Iwa * q.ay),
         Kay=-(Iwa * q.wy + Iaa * q.ay),
+        Kwv=-(Iww * q.wv + Iwa * q.av),
         Kav=-(Iwa * q.wv + Iaa * q.av),
+        Kwt=-(Iww * q.wt + Iwa * q.at),
         Kat=-(Iwa * q.wt + Iaa * q.at),
     )
 
 
-def cost_before(q: Expansion, law: ControlLaw, promised: Float[Array, "*b"]) -> CostToGo:
-    """Cost to go of the stage under its control law."""
+def gradient_before(q: Expansion, law: ControlLaw) -> StateGradient:
+    """Gradient of the cost to go of the stage under its control law."""
+    return StateGradient(
+        v=q.v + q.wv * law.kw + q.av * law.ka,
+        t=q.t + q.wt * law.kw + q.at * law.ka,
+        x=q.x + q.wx * law.kw + q.ax * law.ka,
+        y=q.y + q.wy * law.kw + q.ay * law.ka,
+    )
+
+
+def follow_speed_bound(
+    q: Expansion, law: ControlLaw, gradient: StateGradient, inverse: StageInverse, ride: Float[Array, "*b"]
+) -> tuple[Expansion, ControlLaw, StateGradient]:
+    """On the speed bound a = (v_max - v) / dt: the acceleration answers the speed by `ride` = -1/dt, and nothing else.
+
+    `ride` is zero where the acceleration is not held by that bound.
+    """
+    law = law._replace(Kwv=law.Kwv - inverse.ww * q.wa * ride, Kav=law.Kav + ride)
+    q = q._replace(
+        vv=q.vv + ride * (q.av + q.wa * law.Kwv + q.aa * law.Kav),
+        vt=q.vt + ride * (q.at + q.wa * law.Kwt + q.aa * law.Kat),
+    )
+    return q, law, gradient._replace(v=gradient.v + ride * (q.a + q.wa * law.kw + q.aa * law.ka))
+
+
+def cost_before(q: Expansion, law: ControlLaw, gradient: StateGradient, promised: Float[Array, "*b"]) -> CostToGo:
+    """Cost to go of the stage under its control law; `promised` is the decrease promised after it."""
     kw, ka = law.kw, law.ka
-    gain = q.w * kw + q.a * ka + 0.5 * (q.ww * kw * kw + q.aa * ka * ka) + q.wa * kw * ka
+    promised = promised - (q.w * kw + q.a * ka + 0.5 * (q.ww * kw * kw + q.aa * ka * ka) + q.wa * kw * ka)
     return CostToGo(
         xx=q.xx + q.wx * law.Kwx + q.ax * law.Kax,
         xy=q.xy + q.wx * law.Kwy + q.ax * law.Kay,
@@ -293,22 +327,9 @@ def cost_before(q: Expansion, law: ControlLaw, promised: Float[Array, "*b"]) -> 
         vv=q.vv + q.wv * law.Kwv + q.av * law.Kav,
         vt=q.vt + q.wv * law.Kwt + q.av * law.Kat,
         tt=q.tt + q.wt * law.Kwt + q.at * law.Kat,
-        x=q.x + q.wx * kw + q.ax * ka,
-        y=q.y + q.wy * kw + q.ay * ka,
-        v=q.v + q.wv * kw + q.av * ka,
-        t=q.t + q.wt * kw + q.at * ka,
-        promised=promised - gain,
+        x=gradient.x,
+        y=gradient.y,
+        v=gradient.v,
+        t=gradient.t,
+        promised=promised,
     )
-
-
-def cost_before_on_speed_bound(
-    q: Expansion, law: ControlLaw, inverse: StageInverse, ride: Float[Array, "*b"], promised: Float[Array, "*b"]
-) -> tuple[CostToGo, ControlLaw]:
-    """The same where a = (v_max - v) / dt: the acceleration answers the speed by `ride` = -1/dt, and nothing else."""
-    law = law._replace(Kwv=law.Kwv - inverse.ww * q.wa * ride, Kav=law.Kav + ride)
-    q = q._replace(
-        vv=q.vv + ride * (q.av + q.wa * law.Kwv + q.aa * law.Kav),
-        vt=q.vt + ride * (q.at + q.wa * law.Kwt + q.aa * law.Kat),
-    )
-    before = cost_before(q, law, promised)
-    return before._replace(v=before.v + ride * (q.a + q.wa * law.kw + q.aa * law.ka)), law
