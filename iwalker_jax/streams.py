@@ -15,7 +15,8 @@ A camera path draws route, mounts and goals from NumPy, and its depth noise from
 
 Everything else starts from a user's seed alone, or from `mixed_seed`: the order of training frames (seed, epoch), a
 robot's friction, masses and sensor noise (seed, robot), goals in the frames of episodes (seed, episode), networks and
-states in training (a JAX key folded with the step). Such draws are of different kinds and may share their numbers.
+states in training (a JAX key folded with the step). Such draws are of different kinds and may share their numbers; so
+may the robots of two collections of episodes whose seeds are near each other, but not their tasks.
 """
 
 from dataclasses import dataclass
@@ -70,7 +71,10 @@ SEQUENCE_FURNITURE = Stream(20_240)
 """Small dimensions of the held-out sequences' furniture: `generator(number of the sequence)`."""
 
 NAMED_TASKS = Stream(27_182)
-"""Tasks with names: `generator(*bytes of the name, seed, attempt)`."""
+"""Tasks with names: `generator(*bytes of the name, seed, attempt)`.
+
+A demonstration and a held-out sequence of one name draw alike, each in its own scene.
+"""
 
 DEMONSTRATION_FURNITURE = Stream(31_415)
 """Small dimensions of the demonstrations' furniture: `generator(number of the demonstration)`."""

@@ -53,7 +53,7 @@ def test_generators_of_all_scenes_and_tasks_differ():
     made += [start(streams.DEMONSTRATION_FURNITURE.generator(k)) for k in range(len(DEMONSTRATION_NAMES))]
     made += [
         start(streams.NAMED_TASKS.generator(*name.encode(), seed, attempt))
-        for name in {*SEQUENCE_NAMES, *DEMONSTRATION_NAMES}
+        for name in {*SEQUENCE_NAMES, *DEMONSTRATION_NAMES}  # those of one name draw alike
         for seed in (0, 1, 10_000, streams.WORD - 1)
         for attempt in range(20)
     ]
