@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Float32, Int, Key
 
 from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
-from iwalker_jax.data.goals import cells_that_reach, reachable_goals, route_costs, walkable_cells
+from iwalker_jax.data.goals import cells_that_reach, costs_to_goal, reachable_goals, walkable_cells
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.geometry import host
 from iwalker_jax.perception import Intrinsics
@@ -108,7 +108,7 @@ def _random_route(
     cells = np.argwhere(free)
     for _ in range(5):
         goal = _cell_centre(cells[rng.integers(len(cells))], origin)
-        cost = route_costs(arrays, jnp.asarray(goal, jnp.float32))
+        cost = costs_to_goal(arrays, jnp.asarray(goal, jnp.float32))
         values = np.asarray(cost)
         starts = np.argwhere(free & (values > sampling.min_route) & (values < sampling.max_route))
         if len(starts) == 0:

@@ -14,7 +14,7 @@ from iwalker_jax.scenes import SCENE_GRID, Scene, SceneArrays, free_cells, route
 def cells_that_reach(scene: Scene, goal: Float[np.ndarray, " 2"]) -> Bool[np.ndarray, "rows columns"]:
     """Free cells of `SCENE_GRID` from which a goal [m, world] can be reached."""
     arrays = scene.arrays()
-    costs = np.asarray(route_costs(arrays, jnp.asarray(goal, jnp.float32)))
+    costs = np.asarray(costs_to_goal(arrays, jnp.asarray(goal, jnp.float32)))
     return np.asarray(walkable_cells(arrays)) & (costs < UNREACHABLE)
 
 
@@ -25,7 +25,7 @@ def walkable_cells(scene: SceneArrays) -> Bool[Array, "rows columns"]:
 
 
 @jax.jit
-def route_costs(scene: SceneArrays, goal: Float[Array, " 2"]) -> Float[Array, "rows columns"]:
+def costs_to_goal(scene: SceneArrays, goal: Float[Array, " 2"]) -> Float[Array, "rows columns"]:
     """Cost of the comfortable route to a goal [m, world] from every cell of `SCENE_GRID`."""
     return route_map(scene, goal).cost
 
