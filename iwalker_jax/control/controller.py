@@ -23,6 +23,7 @@ from iwalker_jax.control.whole_body import (
     reduced_dynamics,
     whole_body_program,
 )
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.optimization import QpPoint, QpSettings, QuadraticProgram, Solution, control_settings, solve_qp
 from iwalker_jax.robot.model import LEG_JOINTS, RobotModel
 from iwalker_jax.robot.rigid_body import RigidBodyTerms
@@ -146,10 +147,7 @@ def whole_body_tasks(controller: Controller, terms: RigidBodyTerms, reference: G
     p = controller.tasks
     return stack(
         [
-            *(
-                foot_task(p, terms, foot, reference.stance[foot], reference.foot, reference.foot_yaw)
-                for foot in range(2)
-            ),
+            *(foot_task(p, terms, foot, reference.stance[foot], reference.foot, reference.foot_yaw) for foot in Side),
             torso_task(p, terms, reference.heading),
             com_task(p, terms, reference.com_acceleration, reference.com_height),
             angular_momentum_task(p, terms),

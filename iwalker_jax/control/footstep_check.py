@@ -5,13 +5,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from iwalker_jax.control.footstep_plan import LEFT, RIGHT
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
+from iwalker_jax.geometry.sides import Side, side_of_step, side_sign
 from iwalker_jax.optimization import StepReach
 
 _LARGEST_TURN = 0.6  # rad between successive feet; the hip yaws by half of it either way
-_NAMES = ("right", "left")
 
 
 def check_footsteps(
@@ -25,7 +24,7 @@ def check_footsteps(
 
     Args:
         positions, yaws: [m], [rad] as in `FootstepPlan`.
-        first_swing: the foot of row 0 (0 right, 1 left).
+        first_swing: the `Side` of row 0.
         reach: bounds of a step in the frame between the two feet.
         stance: (3,) x, y [m] and yaw [rad] of the foot on which the first step is taken; it is not checked if left out.
     """
@@ -33,11 +32,11 @@ def check_footsteps(
     before = places[:-1] if stance is None else np.concatenate([np.asarray(stance)[None], places[:-1]])
     first = 1 if stance is None else 0
     for k, (a, b) in enumerate(zip(before, places[first:], strict=True), start=first):
-        foot = (first_swing + k) % 2
+        foot = Side(side_of_step(first_swing, k))
         turn = host.wrap_angle(b[2] - a[2])
         ahead, left = host.turn(-(a[2] + turn / 2), b[:2] - a[:2])
-        outward = left if foot == LEFT else -left
-        name = f"footstep {k + 1} ({_NAMES[foot]} foot)"
+        outward = side_sign(foot) * left
+        name = f"footstep {k + 1} ({foot.name.lower()} foot)"
         if abs(ahead) > reach.sagittal:
             raise InputError(
                 f"{name} lies {abs(ahead):.2f} m {'ahead of' if ahead > 0 else 'behind'} the stance foot, "
@@ -60,7 +59,7 @@ def check_footsteps(
             )
 
 
-def load_footsteps(file: Path) -> tuple[np.ndarray, np.ndarray, int]:
+def load_footsteps(file: Path) -> tuple[np.ndarray, np.ndarray, Side]:
     """Positions (K, 2) [m], yaws (K,) [rad] and the first foot of a CSV file.
 
     One footstep a line: `side, x, y, yaw_degrees`, side `left` or `right` in turn; lines beginning with # are comments.
@@ -72,22 +71,24 @@ def load_footsteps(file: Path) -> tuple[np.ndarray, np.ndarray, int]:
         text = Path(file).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"The footstep file {file} cannot be read ({error}); give a CSV file.") from error
-    rows: list[tuple[int, float, float, float]] = []
+    rows: list[tuple[Side, float, float, float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         rows.append(_parse(file, number, line))
         if len(rows) > 1 and rows[-1][0] == rows[-2][0]:
-            raise InputError(f"{file}, line {number}: the {_NAMES[rows[-1][0]]} foot steps twice; alternate the sides.")
+            raise InputError(
+                f"{file}, line {number}: the {rows[-1][0].name.lower()} foot steps twice; alternate the sides."
+            )
     if len(rows) < 2:
         raise InputError(f"{file} holds {len(rows)} footsteps; give at least two, so that the walk can end standing.")
     table = np.asarray([row[1:] for row in rows])
     return table[:, :2], np.radians(table[:, 2]), rows[0][0]
 
 
-def _parse(file: Path, number: int, line: str) -> tuple[int, float, float, float]:
+def _parse(file: Path, number: int, line: str) -> tuple[Side, float, float, float]:
     parts = [part.strip() for part in line.split(",")]
-    sides = {"right": RIGHT, "r": RIGHT, "left": LEFT, "l": LEFT}
+    sides = {"right": Side.RIGHT, "r": Side.RIGHT, "left": Side.LEFT, "l": Side.LEFT}
     if len(parts) != 4 or parts[0].lower() not in sides:
         raise InputError(f"{file}, line {number} reads {line.strip()!r}; write `left, x, y, yaw_degrees` in metres.")
     try:

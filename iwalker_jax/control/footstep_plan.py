@@ -8,9 +8,8 @@ from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
+from iwalker_jax.geometry.sides import Side, side_of_step, side_sign
 from iwalker_jax.geometry.splines import arc_length, interpolate_along
-
-RIGHT, LEFT = 0, 1
 
 
 class FootstepPlan(NamedTuple):
@@ -19,7 +18,7 @@ class FootstepPlan(NamedTuple):
     Attributes:
         positions: (K, 2) [m] in the world frame; rows from `count` on are ignored.
         yaws: (K,) [rad] heading of each foot.
-        first_swing: () int32, the foot that row 0 places (0 right, 1 left).
+        first_swing: () int32, the `Side` that row 0 places; the others alternate.
         count: () int32, number of footsteps; 0 stands.
     """
 
@@ -27,11 +26,6 @@ class FootstepPlan(NamedTuple):
     yaws: Float[Array, "*batch k"]
     first_swing: Int[Array, "*batch"]
     count: Int[Array, "*batch"]  # type: ignore[assignment]  # hides tuple.count, which nobody needs here
-
-
-def sides(plan: FootstepPlan) -> np.ndarray:
-    """(K,) +1 for left and -1 for right footsteps of one plan."""
-    return np.where((np.arange(plan.yaws.shape[-1]) + int(plan.first_swing)) % 2 == 1, 1, -1)
 
 
 def make_plan(positions: np.ndarray, yaws: np.ndarray, first_swing: int, rows: int | None = None) -> FootstepPlan:
@@ -45,7 +39,7 @@ def make_plan(positions: np.ndarray, yaws: np.ndarray, first_swing: int, rows: i
         )
     if not (np.isfinite(positions).all() and np.isfinite(yaws).all()):
         raise InputError("Footsteps hold NaN or infinite values; give finite metres and radians.")
-    if first_swing not in (RIGHT, LEFT):
+    if first_swing not in tuple(Side):
         raise InputError(f"first_swing is {first_swing!r}; give 0 (the right foot steps first) or 1 (the left).")
     if count == 1:
         raise InputError("A walk of one footstep cannot end standing; give at least two, or none to stand.")
@@ -75,7 +69,7 @@ def footsteps_along(
         path: (n, 2) [m] polyline.
         advance: (K,) [m] distance along it of each footstep, possibly beyond its end, where the last one repeats.
         width: [m] between the two tracks.
-        first_swing: the foot that steps first (0 right, 1 left).
+        first_swing: the `Side` that steps first.
     """
     points = jnp.asarray(path, jnp.float32)
     lengths = arc_length(points)
@@ -85,9 +79,9 @@ def footsteps_along(
     behind = np.asarray(interpolate_along(lengths, points, jnp.asarray(advance - 1e-2, jnp.float32)), np.float64)
     tangents = ahead - behind
     yaws = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
-    side = np.where((np.arange(len(advance)) + first_swing) % 2 == 1, 1.0, -1.0)[:, None]
+    signs = side_sign(side_of_step(first_swing, np.arange(len(advance))))[:, None]
     normals = host.leftward(yaws)
-    return centres + side * width / 2 * normals, yaws
+    return centres + signs * width / 2 * normals, yaws
 
 
 def velocity_footsteps(
@@ -110,7 +104,7 @@ def velocity_footsteps(
         turn: [rad/s], left positive.
         steps: footsteps, the closing ones included.
         step_time, width: [s] and [m].
-        first_swing: the foot that steps first.
+        first_swing: the `Side` that steps first.
         ramp: steps over which the speed changes; 0 starts and stops at once.
     """
     share = ramp_shares(steps, ramp)
@@ -123,9 +117,9 @@ def velocity_footsteps(
         centres.append(centre)
         headings.append(heading)
     yaws = np.asarray(headings)
-    side = np.where((np.arange(steps) + first_swing) % 2 == 1, 1.0, -1.0)[:, None]
+    signs = side_sign(side_of_step(first_swing, np.arange(steps)))[:, None]
     normals = host.leftward(yaws)
-    return np.asarray(centres).reshape(-1, 2) + side * width / 2 * normals, yaws
+    return np.asarray(centres).reshape(-1, 2) + signs * width / 2 * normals, yaws
 
 
 def ramp_shares(steps: int, ramp: int) -> np.ndarray:

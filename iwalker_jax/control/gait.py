@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
@@ -12,6 +13,7 @@ from iwalker_jax.control.stepping import SteppingGains, choose_step
 from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
 from iwalker_jax.geometry.planar import turn
 from iwalker_jax.geometry.rotations import angle_between
+from iwalker_jax.geometry.sides import Side, other_side, side_of_step, side_sign
 from iwalker_jax.optimization import pendulum_flow
 
 _DONE = 0.999  # phase at which a swing counts as over
@@ -22,13 +24,13 @@ def initial_gait(gait: GaitParameters, posture: Posture) -> GaitState:
     dtype = posture.com.dtype
     zero, none = jnp.zeros((), dtype), jnp.zeros((), jnp.int32)
     return GaitState(
-        mode=none,
+        mode=none + GaitMode.STAND,
         time=zero,
         phase=zero,
         late=zero,
-        stance=none,
+        stance=none + Side.RIGHT,
         step=none,
-        swing=Motion(posture.feet[1, :2], jnp.zeros(2, dtype), jnp.zeros(2, dtype)),
+        swing=Motion(posture.feet[Side.LEFT, :2], jnp.zeros(2, dtype), jnp.zeros(2, dtype)),
         lift_off=jnp.zeros(2, dtype),
         target=jnp.zeros(3, dtype),
         heading=_mean_yaw(posture.foot_yaws),
@@ -48,12 +50,12 @@ def _places(posture: Posture) -> Float[Array, "2 3"]:
 
 def _first_residual(effect: LegEffect, dtype: DTypeLike) -> Float[Array, "2 2 2 2"]:
     """The leg effect as learned residuals of a right and a left stance foot."""
-    sides = []
-    for outward in (-1.0, 1.0):
+    feet = []
+    for outward in side_sign(np.asarray(Side, float)):
         full = [effect.sagittal_full, tuple(outward * x for x in effect.lateral_full)]
         late = [effect.sagittal_late, tuple(outward * x for x in effect.lateral_late)]
-        sides.append([full, late])
-    return jnp.asarray(sides, dtype)
+        feet.append([full, late])
+    return jnp.asarray(feet, dtype)
 
 
 def planned_footsteps(
@@ -64,8 +66,9 @@ def planned_footsteps(
     Beyond its end the plan repeats its last step of either foot; without a plan the feet keep their places.
     """
     ahead = state.step + jnp.arange(count)
-    foot = (1 - state.stance + jnp.arange(count)) % 2
-    last = plan.count - 1 - (plan.first_swing + plan.count - 1 + foot) % 2
+    foot = side_of_step(other_side(state.stance), jnp.arange(count))
+    last = plan.count - 1
+    last = last - (side_of_step(plan.first_swing, last) != foot)
     row = jnp.clip(jnp.where(ahead < plan.count, ahead, last), 0, plan.yaws.shape[0] - 1)
     planned = plan.count > 0
     positions = jnp.where(planned, plan.positions[row] + state.offset, state.home[foot, :2])
@@ -85,20 +88,28 @@ def advance_gait(
     state = _change_mode(gait, gains, posture, plan, state)
     walking = state.mode == GaitMode.WALK
     stance_foot = posture.feet[state.stance]
-    swing_foot = posture.feet[1 - state.stance]
+    swing_foot = posture.feet[other_side(state.stance)]
     rate = gains.rate
 
     # Walking: choose the footstep and the time left, move the swing reference.
     wanted, yaws, _ = planned_footsteps(plan, state, gait.horizon)
     com = posture.com[:2] - stance_foot[:2], posture.com_velocity[:2]
-    side = jnp.where(state.stance == 0, 1.0, -1.0).astype(posture.com.dtype)
+    swing_sign = side_sign(other_side(state.stance)).astype(posture.com.dtype)
     nominal = gait.hlip.single_support_time * (1 - state.phase)
     stance_yaw = posture.foot_yaws[state.stance]
     target_yaw = stance_yaw + angle_between(yaws[0], stance_yaw)
     frame = (stance_yaw + target_yaw) / 2
     expected = _expected_error(gait, gains, state)
     choice = choose_step(
-        gait, gains, wanted - stance_foot[:2], com, expected, frame, side, swing_foot[:2] - stance_foot[:2], nominal
+        gait,
+        gains,
+        wanted - stance_foot[:2],
+        com,
+        expected,
+        frame,
+        swing_sign,
+        swing_foot[:2] - stance_foot[:2],
+        nominal,
     )
     frozen = nominal < gait.freeze_time
     remaining = jnp.where(frozen, jnp.maximum(nominal, 1e-3), choice.remaining)
@@ -130,7 +141,7 @@ def advance_gait(
     )
 
     # Standing: the divergent component is pulled to the middle of the feet, or to where the first step starts.
-    middle = (posture.feet[0, :2] + posture.feet[1, :2]) / 2
+    middle = (posture.feet[Side.RIGHT, :2] + posture.feet[Side.LEFT, :2]) / 2
     goal = jnp.where(state.mode == GaitMode.SHIFT, _first_stance_point(gait, rate, posture, plan, state), middle)
     share = jnp.clip(state.time / gait.shift_time, 0, 1)
     blend = share**2 * (3 - 2 * share)
@@ -173,7 +184,7 @@ def advance_gait(
 
 
 def _mean_yaw(yaws: Float[Array, "2"]) -> Float[Array, ""]:
-    return yaws[0] + angle_between(yaws[1], yaws[0]) / 2
+    return yaws[Side.RIGHT] + angle_between(yaws[Side.LEFT], yaws[Side.RIGHT]) / 2
 
 
 def _first_stance_point(
@@ -192,7 +203,7 @@ def _first_stance_point(
     full = state.residual[:, 0]
     effect = full[..., 0] + full[..., 1] / rate
     effect = turn(posture.foot_yaws[state.stance], effect)
-    own, other = effect[state.stance], effect[1 - state.stance]
+    own, other = effect[state.stance], effect[other_side(state.stance)]
     return stance + shrink @ steps - (own + other / growth) / (growth - 1 / growth)
 
 
@@ -209,26 +220,28 @@ def _change_mode(
     tips = (state.mode != GaitMode.WALK) & outside
     start = (state.mode == GaitMode.STAND) & planned & (state.time >= gait.stand_time) & ~tips
     lift = ((state.mode == GaitMode.SHIFT) & (state.time >= gait.shift_time + gait.settle_time)) | tips
-    touches = posture.touching[1 - state.stance]
+    touches = posture.touching[other_side(state.stance)]
     due = (state.phase >= _DONE) & (touches | (state.late >= gait.late_touchdown))
     land = (state.mode == GaitMode.WALK) & (due | (touches & (state.phase > 0.5) & gait.early_touchdown))
 
     # Touchdown: learn, move the plan if it cannot be kept, exchange the feet.
     learned = _learn(gait, posture, state)
     wanted, _, _ = planned_footsteps(plan, state, 1)
-    error = posture.feet[1 - state.stance, :2] - wanted[0]
+    error = posture.feet[other_side(state.stance), :2] - wanted[0]
     size = jnp.sqrt(jnp.sum(error**2) + 1e-12)
     offset = state.offset + error * jnp.maximum(1 - gait.governor / size, 0)
     length = jnp.sqrt(jnp.sum(offset**2) + 1e-12)
     offset = offset * jnp.maximum(1 - gait.return_step / length, 0)
     step = jnp.minimum(state.step + 1, plan.count)
-    stance = 1 - state.stance
+    stance = other_side(state.stance)
     caught = (jnp.abs(divergent[0]) < gait.stop_forward) & (jnp.abs(divergent[1]) < gait.stop_sideways)
     stop = land & (step >= plan.count) & caught
 
-    first_stance = jnp.where(planned, 1 - (plan.first_swing + state.step) % 2, (divergent[1] > 0).astype(jnp.int32))
+    due_stance = other_side(side_of_step(plan.first_swing, state.step))
+    loaded = jnp.where(divergent[1] > 0, Side.LEFT, Side.RIGHT)
+    first_stance = jnp.where(planned, due_stance, loaded)
     new_stance = jnp.where(start | tips, first_stance, jnp.where(land, stance, state.stance)).astype(jnp.int32)
-    lifted = posture.feet[1 - new_stance]
+    lifted = posture.feet[other_side(new_stance)]
     begin = lift | (land & ~stop)  # a swing begins
     changed = start | lift | land
     rest = jnp.zeros_like(state.swing.position)
@@ -255,7 +268,9 @@ def _change_mode(
             jnp.where(begin, rest, state.swing.velocity),
             jnp.where(begin, rest, state.swing.acceleration),
         ),
-        lift_off=jnp.where(begin, jnp.stack([lifted[2] - base[2], posture.foot_yaws[1 - new_stance]]), state.lift_off),
+        lift_off=jnp.where(
+            begin, jnp.stack([lifted[2] - base[2], posture.foot_yaws[other_side(new_stance)]]), state.lift_off
+        ),
         heading=jnp.where(changed, _reference_heading(posture, state), state.heading),
         com_start=jnp.where(changed, posture.com[:2], state.com_start),
         residual=jnp.where(land, learned, state.residual),
@@ -279,7 +294,7 @@ def _stride_error(effect: LegEffect, stride: Float[Array, ""]) -> Float[Array, "
 def _expected_error(gait: GaitParameters, gains: SteppingGains, state: GaitState) -> Float[Array, "2 2"]:
     """Error to expect of a prediction made now, less the shift of the walking orbit that such errors cause."""
     by_stride = _stride_error(gait.leg_effect, state.stride)
-    own, other = state.residual[state.stance] + by_stride, state.residual[1 - state.stance] + by_stride
+    own, other = state.residual[state.stance] + by_stride, state.residual[other_side(state.stance)] + by_stride
     shift = own[0] @ gains.orbit_own.T + other[0] @ gains.orbit_other.T
     freeze_phase = 1 - gait.freeze_time / gait.hlip.single_support_time
     share = jnp.minimum(state.phase / freeze_phase, 1.0)
@@ -302,7 +317,7 @@ def _learn(gait: GaitParameters, posture: Posture, state: GaitState) -> Float[Ar
 def _between_feet(posture: Posture, point: Float[Array, "2"]) -> Float[Array, "2"]:
     """A point [m] by how far it lies ahead of the line between the feet [m] and sideways, +1 left foot, -1 right."""
     yaw = _mean_yaw(posture.foot_yaws)
-    half = turn(-yaw, posture.feet[1, :2] - posture.feet[0, :2]) / 2
+    half = turn(-yaw, posture.feet[Side.LEFT, :2] - posture.feet[Side.RIGHT, :2]) / 2
     along = turn(-yaw, point - jnp.mean(posture.feet[:, :2], axis=0))
     sideways = along[1] / jnp.maximum(half[1], 1e-3)
     return jnp.stack([along[0] - jnp.clip(sideways, -1, 1) * half[0], sideways])

@@ -17,14 +17,14 @@ class GaitMode(IntEnum):
 
 
 class GaitState(NamedTuple):
-    """Memory of the step clock. Feet are indexed 0 right, 1 left.
+    """Memory of the step clock. Feet are indexed by `Side`.
 
     Attributes:
         mode: () int32, a `GaitMode`.
         time: () [s] in the present mode; in WALK since the last touchdown.
         phase: () 0..1 through the present swing.
         late: () [s] since the swing foot should have met the floor.
-        stance: () int32, the stance foot (in STAND and SHIFT the one that will carry the first step).
+        stance: () int32, the `Side` of the stance foot (in STAND and SHIFT the one that will carry the first step).
         step: () int32, footsteps taken.
         swing: horizontal reference of the swing foot (2,), world frame.
         lift_off: (2,) height above the stance foot [m] and yaw [rad] of the swing foot when it left the floor.

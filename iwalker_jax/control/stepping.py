@@ -85,7 +85,7 @@ def choose_step(
     com: tuple[Float[Array, "2"], Float[Array, "2"]],
     expected: Float[Array, "2 2"],
     heading: Float[Array, ""],
-    side: Float[Array, ""],
+    swing_sign: Float[Array, ""],
     swing: Float[Array, "2"],
     remaining: Float[Array, ""],
 ) -> StepChoice:
@@ -100,7 +100,7 @@ def choose_step(
         expected: (2, 2) known deviation of the pre-impact state from the pendulum's prediction and orbit (sagittal and
             lateral; position [m] and velocity [m/s]).
         heading: of the step's frame [rad].
-        side: +1 if the swing foot is the left one, else -1.
+        swing_sign: `side_sign` of the swing foot.
         swing: present swing-foot position [m].
         remaining: nominal time to touchdown [s].
     """
@@ -121,7 +121,7 @@ def choose_step(
     size = jnp.sqrt(jnp.sum(error**2, axis=1, keepdims=True) + 1e-12)
     excess = error * jnp.maximum(1 - gait.governor / size, 0)
     steps = steps - (1 - 1 / stiffness) * excess
-    lateral = jnp.clip(side * steps[:, 1], gait.reach.lateral_min, gait.reach.lateral_max) * side
+    lateral = jnp.clip(swing_sign * steps[:, 1], gait.reach.lateral_min, gait.reach.lateral_max) * swing_sign
     back = jnp.maximum(ahead_position[:, 0] - gait.behind, -gait.reach.sagittal)
     front = jnp.minimum(ahead_position[:, 0] + gait.ahead, gait.reach.sagittal)
     bounded = jnp.stack([jnp.clip(steps[:, 0], back, jnp.maximum(front, back)), lateral], axis=1)

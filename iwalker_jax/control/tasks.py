@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from iwalker_jax.control.parameters import WholeBodyParameters
 from iwalker_jax.control.swing import Motion
 from iwalker_jax.geometry.rotations import angle_between
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.robot.rigid_body import RigidBodyTerms
 
 
@@ -36,7 +37,7 @@ def stack(tasks: list[Task]) -> Task:
 def foot_task(
     parameters: WholeBodyParameters,
     terms: RigidBodyTerms,
-    foot: int,
+    foot: Side,
     stance: Float[Array, ""],
     motion: Motion,
     yaw: Motion,
@@ -46,7 +47,7 @@ def foot_task(
     Roll is left free because the ankle has none. Pitch is the angular motion about the foot's horizontal lateral axis.
 
     Args:
-        foot: 0 right, 1 left.
+        foot: which one.
         stance: 1 where it carries, 0 where it swings.
         motion, yaw: of the swing foot, world frame.
     """

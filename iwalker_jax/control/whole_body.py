@@ -14,11 +14,12 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.control.parameters import WholeBodyParameters
 from iwalker_jax.control.tasks import Task
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.optimization import QuadraticProgram
 from iwalker_jax.robot.rigid_body import RigidBodyTerms
 
-CONTACT_FEET = (0, 0, 1, 1)
-"""The foot (0 right, 1 left) of each contact point."""
+CONTACT_FEET = (Side.RIGHT, Side.RIGHT, Side.LEFT, Side.LEFT)
+"""The foot of each contact point."""
 FRICTION_ROWS = 5
 GRAVITY = 9.81
 

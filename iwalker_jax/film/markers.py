@@ -5,9 +5,10 @@ import numpy as np
 from jaxtyping import Float
 
 from iwalker_jax.geometry import host
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.walking.record import TimedFootsteps
 
-_COLOURS = {-1: (1.0, 0.5, 0.05), 1: (0.12, 0.47, 0.71)}
+_COLOURS = {Side.RIGHT: (1.0, 0.5, 0.05), Side.LEFT: (0.12, 0.47, 0.71)}
 """Right feet orange and left feet blue, as in the plots."""
 _SOLE = (0.0425, 0.012)  # [m] half length and half width of the mark of the next footstep: the line foot
 _MARK = (0.022, 0.012)  # [m] of the others; steps of one foot are often shorter than the foot itself
@@ -26,7 +27,7 @@ def add_footsteps(scene: mujoco.MjvScene, footsteps: TimedFootsteps, time: float
     following = coming[0] if len(coming) else -1
     for i in np.flatnonzero(np.isfinite(footsteps.positions).all(axis=1)):
         x, y = footsteps.positions[i]
-        colour = np.asarray(_COLOURS[1 if footsteps.sides[i] > 0 else -1])
+        colour = np.asarray(_COLOURS[Side(footsteps.sides[i])])
         if i == following:
             frame = (_SOLE[0] + _BORDER, _SOLE[1] + _BORDER)
             _add_plate(scene, (x, y, 0.0012), frame, footsteps.yaws[i], np.ones(3))

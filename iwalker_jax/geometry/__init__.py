@@ -12,7 +12,7 @@ from iwalker_jax.geometry.rotations import (
     wrap_angle,
     yaw_of,
 )
-from iwalker_jax.geometry.sides import Side, other_side, side_of_step, side_sign
+from iwalker_jax.geometry.sides import Side, footstep_signs, other_side, side_of_step, side_sign
 from iwalker_jax.geometry.splines import (
     arc_length,
     hermite_path,
@@ -25,6 +25,7 @@ __all__ = [
     "Side",
     "angle_between",
     "arc_length",
+    "footstep_signs",
     "hermite_path",
     "interpolate_along",
     "other_side",

@@ -7,6 +7,8 @@ and return the same kind.
 from enum import IntEnum
 from typing import Any
 
+import numpy as np
+
 
 class Side(IntEnum):
     """A foot, or a footstep by the foot that makes it."""
@@ -33,3 +35,16 @@ def side_of_step(first: Any, step: Any) -> Any:
         step: the footstep's number, from 0; of an array, each one's.
     """
     return (first + step) % 2
+
+
+def footstep_signs(stance_sign: Any, count: int) -> Any:
+    """Signs of the next footsteps, the first by the foot that does not stand.
+
+    Args:
+        stance_sign: (*batch,) `side_sign` of the stance foot.
+        count: footsteps.
+
+    Returns:
+        (*batch, count), see `side_sign`.
+    """
+    return stance_sign[..., None] * side_sign(side_of_step(Side.RIGHT, np.arange(count)))

@@ -291,7 +291,7 @@ def _with_footsteps(navigator: Navigator, wish: Wish, state: LoopState) -> LoopS
         com_velocity=posture.com_velocity[:2],
         foot=posture.feet[gait.stance, :2],
         yaw=posture.foot_yaws[gait.stance],
-        left=gait.stance == 1,
+        side=gait.stance,
         time=gait.time,
     )
     istepper = _planner(navigator).istepper
@@ -344,6 +344,7 @@ def _record(
         feet=samples.feet[-1, -1],
         path=wish.guidance.path,
         footsteps=state.plan.positions,
+        first_side=state.plan.first_swing,
         clearance=clearance,
         stopped=wish.stop,
         detour=wish.guidance.detour,

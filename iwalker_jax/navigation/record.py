@@ -40,7 +40,7 @@ class EpisodeRecord(NamedTuple):
             floor below the COM with x along the torso's heading [m, rad].
         feet: (2, 3) [m] true, right and left.
         path: (n, 2) [m] planned, world frame.
-        footsteps: (m, 2) [m] planned, world frame.
+        footsteps: (m, 2) [m] planned, world frame; first_side: `Side` of the first, from which they alternate.
         clearance: [m] between the body's volume and the nearest obstacle; negative inside.
         stopped: whether the robot holds still for its own safety (blind or frozen camera, no way).
         detour: whether the classical route took the place of a path of iPath's that led nowhere.
@@ -62,6 +62,7 @@ class EpisodeRecord(NamedTuple):
     feet: Float[Array, "*n 2 3"]
     path: Float[Array, "*n p 2"]
     footsteps: Float[Array, "*n m 2"]
+    first_side: Int[Array, "*n"]
     clearance: Float[Array, "*n"]
     stopped: Bool[Array, "*n"]
     detour: Bool[Array, "*n"]

@@ -11,6 +11,7 @@ from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.planar import to_base, to_world, turn
 from iwalker_jax.geometry.rotations import angle_between
+from iwalker_jax.geometry.sides import footstep_signs, other_side, side_sign
 from iwalker_jax.geometry.splines import arc_length, interpolate_along, resample_by_arc_length
 from iwalker_jax.planning.istepper import IStepper
 from iwalker_jax.planning.planner import PATH_POINTS
@@ -46,7 +47,7 @@ class Stance(NamedTuple):
     Attributes:
         com, com_velocity: (2,) [m, m/s].
         foot: (2,) [m] and yaw: () [rad] of the stance foot.
-        left: () bool, the stance foot is the left one.
+        side: () int32, the `Side` of the stance foot.
         time: () [s] since the last touchdown.
     """
 
@@ -54,7 +55,7 @@ class Stance(NamedTuple):
     com_velocity: Float[Array, "2"]
     foot: Float[Array, "2"]
     yaw: Float[Array, ""]
-    left: Bool[Array, ""]
+    side: Int[Array, ""]
     time: Float[Array, ""]
 
 
@@ -116,13 +117,11 @@ def pursue(
     return Course(jnp.concatenate([centre[None], centres]), jnp.concatenate([heading[None], headings]), turning)
 
 
-def beside(course: Course, left_first: Bool[Array, ""], width: float) -> Float[Array, "m 2"]:
-    """Footsteps [m] beside the centre line, left and right in turn."""
-    count = course.headings.shape[0] - 1
-    left = (jnp.arange(count) % 2 == 0) == left_first
-    side = jnp.where(left, 1.0, -1.0).astype(course.centres.dtype)[:, None]
+def beside(course: Course, stance_sign: Float[Array, ""], width: float) -> Float[Array, "m 2"]:
+    """Footsteps [m] beside the centre line, left and right in turn, after a stance foot of the given `side_sign`."""
     yaw = course.headings[1:]
-    return course.centres[1:] + side * width / 2 * jnp.stack([-jnp.sin(yaw), jnp.cos(yaw)], axis=-1)
+    signs = footstep_signs(stance_sign, len(yaw))[:, None]
+    return course.centres[1:] + signs * width / 2 * jnp.stack([-jnp.sin(yaw), jnp.cos(yaw)], axis=-1)
 
 
 def plan_steps(
@@ -141,13 +140,13 @@ def plan_steps(
     steps = istepper.geometry
     pursuit = PursuitParameters() if rules is None else rules
     course = pursue(pursuit, steps, path, look, _centre(stance, steps.width), stance.yaw)
-    geometric = beside(course, ~stance.left, steps.width)
+    geometric = beside(course, _stance_sign(stance), steps.width)
     frame = jnp.append(stance.com, stance.yaw)
     line = resample_by_arc_length(path if rules is None else course.centres, PATH_POINTS)
     state = RobotState(
         com_from_stance=turn(-stance.yaw, stance.com - stance.foot),
         com_velocity=turn(-stance.yaw, stance.com_velocity),
-        stance_side=_side(stance),
+        stance_sign=_stance_sign(stance),
         time_in_step=stance.time,
     )
     learned = istepper(to_base(frame, line)[None], jax.tree.map(lambda leaf: leaf[None], state))[0]
@@ -155,7 +154,7 @@ def plan_steps(
     yaws = course.headings[1:]
     if rules is not None:
         positions = jnp.where(course.turning, geometric, positions)
-    return FootstepPlan(positions, yaws, _first_swing(stance), jnp.asarray(steps.count, jnp.int32))
+    return FootstepPlan(positions, yaws, other_side(stance.side), jnp.asarray(steps.count, jnp.int32))
 
 
 def stop_steps(count: int, width: float, stance: Stance) -> FootstepPlan:
@@ -164,21 +163,16 @@ def stop_steps(count: int, width: float, stance: Stance) -> FootstepPlan:
     still = Course(
         jnp.broadcast_to(centre, (count + 1, 2)), jnp.broadcast_to(stance.yaw, (count + 1,)), jnp.asarray(False)
     )
-    footsteps = beside(still, ~stance.left, width)
-    return FootstepPlan(footsteps, still.headings[1:], _first_swing(stance), jnp.asarray(2, jnp.int32))
+    footsteps = beside(still, _stance_sign(stance), width)
+    return FootstepPlan(footsteps, still.headings[1:], other_side(stance.side), jnp.asarray(2, jnp.int32))
 
 
-def _side(stance: Stance) -> Float[Array, ""]:
-    """+1 if the stance foot is the left one, else -1."""
-    return jnp.where(stance.left, 1.0, -1.0).astype(stance.foot.dtype)
+def _stance_sign(stance: Stance) -> Float[Array, ""]:
+    """`side_sign` of the stance foot."""
+    return side_sign(stance.side).astype(stance.foot.dtype)
 
 
 def _centre(stance: Stance, width: float) -> Float[Array, "2"]:
     """Middle [m] between two tracks of which the stance foot stands on one."""
     normal = jnp.stack([-jnp.sin(stance.yaw), jnp.cos(stance.yaw)])
-    return stance.foot - _side(stance) * width / 2 * normal
-
-
-def _first_swing(stance: Stance) -> Int[Array, ""]:
-    """The foot that steps next: 0 right, 1 left."""
-    return jnp.where(stance.left, 0, 1).astype(jnp.int32)
+    return stance.foot - _stance_sign(stance) * width / 2 * normal

@@ -1,4 +1,4 @@
-"""Footsteps about a path: sides, nominal placement, and where a footstep stands in the path's own frame.
+"""Footsteps about a path: nominal placement, and where a footstep stands in the path's own frame.
 
 With y to the left, a left foot lies at +width/2 of the path and a right foot at -width/2.
 """
@@ -8,18 +8,13 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from iwalker_jax.geometry.sides import footstep_signs
 from iwalker_jax.geometry.splines import arc_length, interpolate_along, path_tangents
 from iwalker_jax.planning.robot_state import StepGeometry
 
 
-def footstep_sides(stance_side: Float[Array, "*batch"], count: int) -> Float[Array, "*batch n"]:
-    """+1 for left and -1 for right footsteps, alternating; the first is opposite to the stance foot."""
-    signs = 1.0 - 2.0 * ((jnp.arange(count) + 1) % 2)
-    return stance_side[..., None] * signs.astype(stance_side.dtype)
-
-
 def nominal_footsteps(
-    path: Float[Array, "n 2"], stance_side: Float[Array, ""], geometry: StepGeometry
+    path: Float[Array, "n 2"], stance_sign: Float[Array, ""], geometry: StepGeometry
 ) -> tuple[Float[Array, "m 2"], Float[Array, "m 2"]]:
     """Footsteps [m] at even advances along the path, left ones at +width/2, and the path's unit tangents there.
 
@@ -30,9 +25,9 @@ def nominal_footsteps(
     values = interpolate_along(lengths, jnp.concatenate([path, path_tangents(path)], axis=-1), advance)
     centres = values[:, :2]
     tangents = values[:, 2:] / jnp.sqrt(jnp.sum(values[:, 2:] ** 2, axis=-1, keepdims=True) + 1e-12)
-    sides = footstep_sides(stance_side, geometry.count)[:, None]
+    signs = footstep_signs(stance_sign, geometry.count)[:, None]
     normals = jnp.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
-    return centres + sides * geometry.width / 2 * normals, tangents
+    return centres + signs * geometry.width / 2 * normals, tangents
 
 
 class Advance(NamedTuple):

@@ -43,7 +43,7 @@ class IStepper(nnx.Module):
         self.layer3 = nnx.Linear(config.hidden, 2 * geometry.count, rngs=rngs)
 
     def __call__(self, path: Float[Array, "batch n 2"], state: RobotState) -> Float[Array, "batch m 2"]:
-        """Footsteps [m] in the base frame; `footstep_sides` says which are left.
+        """Footsteps [m] in the base frame; `footstep_signs` says which are left.
 
         Args:
             path: points [m] in the base frame, starting at the robot.
@@ -52,11 +52,11 @@ class IStepper(nnx.Module):
         return jax.vmap(self._one)(path, state)
 
     def _one(self, path, state: RobotState):
-        footsteps, tangents = nominal_footsteps(path, state.stance_side, self.geometry)
+        footsteps, tangents = nominal_footsteps(path, state.stance_sign, self.geometry)
         hidden = jax.nn.relu(self.layer1(self._features(path, state)))
         hidden = jax.nn.relu(self.layer2(hidden))
         correction = jnp.tanh(self.layer3(hidden)).reshape(-1, 2) * self.config.correction
-        outward = state.stance_side * jnp.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
+        outward = state.stance_sign * jnp.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
         return footsteps + correction[:, :1] * tangents + correction[:, 1:] * outward
 
     def _features(self, path, state: RobotState):
@@ -68,7 +68,7 @@ class IStepper(nnx.Module):
         lengths = arc_length(path)
         reach = self.geometry.length * self.geometry.count
         ahead = interpolate_along(lengths, path, jnp.linspace(0.0, reach, self.config.path_points, dtype=path.dtype))
-        view = jnp.stack([jnp.ones_like(state.stance_side), state.stance_side])
+        view = jnp.stack([jnp.ones_like(state.stance_sign), state.stance_sign])
         return jnp.concatenate(
             [
                 (ahead * view).reshape(-1),

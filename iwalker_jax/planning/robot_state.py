@@ -41,19 +41,19 @@ class RobotState(NamedTuple):
     Attributes:
         com_from_stance: (2,) [m] COM position minus stance foot (x forward, y left).
         com_velocity: (2,) [m/s].
-        stance_side: () +1 when the left foot is the stance foot, so that the next footstep is a right one; else -1.
+        stance_sign: () `side_sign` of the stance foot: +1 for the left one, so that the next footstep is a right one.
         time_in_step: () [s] since the last touchdown.
     """
 
     com_from_stance: Float[Array, "*batch 2"]
     com_velocity: Float[Array, "*batch 2"]
-    stance_side: Float[Array, "*batch"]
+    stance_sign: Float[Array, "*batch"]
     time_in_step: Float[Array, "*batch"]
 
     def mirrored(self) -> "RobotState":
         """The state of the mirror-image robot (left and right exchanged)."""
         flip = jnp.asarray([1.0, -1.0], self.com_from_stance.dtype)
-        return RobotState(self.com_from_stance * flip, self.com_velocity * flip, -self.stance_side, self.time_in_step)
+        return RobotState(self.com_from_stance * flip, self.com_velocity * flip, -self.stance_sign, self.time_in_step)
 
 
 def standing_state(geometry: StepGeometry) -> RobotState:
@@ -65,7 +65,7 @@ def standing_state(geometry: StepGeometry) -> RobotState:
 
 def next_foot(state: RobotState) -> Int[Array, "*batch"]:
     """The foot that steps next, a `Side`."""
-    return jnp.where(state.stance_side > 0, Side.RIGHT, Side.LEFT).astype(jnp.int32)
+    return jnp.where(state.stance_sign > 0, Side.RIGHT, Side.LEFT).astype(jnp.int32)
 
 
 def pre_impact_planes(state: RobotState, hlip: HlipParameters) -> Float[Array, "2 3"]:
@@ -80,7 +80,7 @@ def sample_robot_state(key: Array, geometry: StepGeometry, hlip: HlipParameters)
     k_side, k_speed, k_time, k_position, k_velocity = jax.random.split(key, 5)
     rate = hlip.rate
     period = hlip.single_support_time
-    side = jnp.where(jax.random.bernoulli(k_side), 1.0, -1.0)
+    sign = side_sign(jax.random.bernoulli(k_side).astype(float))
     speed = jax.random.uniform(k_speed, minval=0.0, maxval=0.3)
     time = jax.random.uniform(k_time, minval=0.0, maxval=period)
     # Both orbits are symmetric about mid-stance: sinh in the direction of travel, cosh sideways.
@@ -88,8 +88,8 @@ def sample_robot_state(key: Array, geometry: StepGeometry, hlip: HlipParameters)
     half = rate * period / 2
     x = speed * period / 2 * jnp.sinh(phase) / jnp.sinh(half)
     vx = speed * period / 2 * rate * jnp.cosh(phase) / jnp.sinh(half)
-    y = -side * geometry.width / 2 * jnp.cosh(phase) / jnp.cosh(half)
-    vy = -side * geometry.width / 2 * rate * jnp.sinh(phase) / jnp.cosh(half)
+    y = -sign * geometry.width / 2 * jnp.cosh(phase) / jnp.cosh(half)
+    vy = -sign * geometry.width / 2 * rate * jnp.sinh(phase) / jnp.cosh(half)
     position = jnp.stack([x, y]) + 0.01 * jax.random.normal(k_position, (2,))
     velocity = jnp.stack([vx, vy]) + 0.03 * jax.random.normal(k_velocity, (2,))
-    return RobotState(position, velocity, side, time)
+    return RobotState(position, velocity, sign, time)

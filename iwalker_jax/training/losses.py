@@ -9,13 +9,14 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry.norms import safe_norm
+from iwalker_jax.geometry.sides import footstep_signs
 from iwalker_jax.geometry.splines import resample_by_arc_length
 from iwalker_jax.optimization import GradientMode, initial_state_from_reference, solve_step_mpc, solve_unicycle
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
 from iwalker_jax.perception.seen_route import ROUTE_GRID
 from iwalker_jax.perception.traversal import traversal_cost
-from iwalker_jax.planning.footsteps import closest_on_path, footstep_sides
+from iwalker_jax.planning.footsteps import closest_on_path
 from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes
 from iwalker_jax.training.maps import FrameMaps
@@ -183,8 +184,8 @@ def step_losses(
 
     geometry = models.steps
     lateral, advance = closest_on_path(path, footsteps)
-    sides = footstep_sides(state.stance_side, geometry.count)
-    width = jnp.mean((lateral - sides * geometry.width / 2) ** 2)
+    signs = footstep_signs(state.stance_sign, geometry.count)
+    width = jnp.mean((lateral - signs * geometry.width / 2) ** 2)
     # A path that ends early ends in stepping on the spot: the desired advance stops with it.
     wanted = jnp.minimum(geometry.length * (jnp.arange(geometry.count) + 1.0), advance.total)
     length = jnp.mean((jnp.diff(advance.along, prepend=0.0) - jnp.diff(wanted, prepend=0.0)) ** 2)

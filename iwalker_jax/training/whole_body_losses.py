@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from bruce_model import load_mujoco
 from iwalker_jax.control.controller import Controller, make_controller, whole_body_tasks
@@ -19,6 +19,7 @@ from iwalker_jax.control.gait_state import GaitReference
 from iwalker_jax.control.stepping import choose_step
 from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
 from iwalker_jax.control.whole_body import CONTACT_FEET, GRAVITY, reduced_dynamics, whole_body_program
+from iwalker_jax.geometry.sides import Side, other_side
 from iwalker_jax.optimization import pendulum_flow, solve_qp
 from iwalker_jax.planning.robot_state import RobotState
 from iwalker_jax.robot.model import LEG_JOINTS, RobotModel, load_robot
@@ -66,13 +67,13 @@ class SwingInstant(NamedTuple):
     """One instant of a swing, in axes of the base frame with the stance foot at the origin.
 
     Attributes:
-        left: () whether the stance foot is the left one.
+        stance: () the `Side` of the stance foot.
         com, com_velocity: (2,) [m, m/s].
         lift_off, footstep: (2,) [m] ends of the swing.
         phase: () 0..1 through it.
     """
 
-    left: Bool[Array, ""]
+    stance: Int[Array, ""]
     com: Float[Array, "2"]
     com_velocity: Float[Array, "2"]
     lift_off: Float[Array, "2"]
@@ -145,19 +146,19 @@ def swing_instants(
 
     places = footsteps[:JUDGED_STEPS] + state.com_from_stance
     stride = 2 * jnp.sinh(rate * time / 2) / rate * at(time / 2)[1][0]
-    lift_off = jnp.stack([-stride, -state.stance_side * width])
+    lift_off = jnp.stack([-stride, -state.stance_sign * width])
     base = jnp.zeros(2, footsteps.dtype)
     com = at(0.0)
-    left = state.stance_side > 0
+    stance = jnp.where(state.stance_sign > 0, Side.LEFT, Side.RIGHT)
     instants = []
     for k in range(JUDGED_STEPS):
         for phase in SWING_PHASES:
             position, velocity = pendulum_flow(rate, *com, jnp.asarray(phase * time, footsteps.dtype))
             phase_array = jnp.asarray(phase, footsteps.dtype)
-            instants.append(SwingInstant(left, position, velocity, lift_off - base, places[k] - base, phase_array))
+            instants.append(SwingInstant(stance, position, velocity, lift_off - base, places[k] - base, phase_array))
         position, velocity = pendulum_flow(rate, *com, jnp.asarray(time, footsteps.dtype))
         com = position + base - places[k], velocity
-        lift_off, base, left = base, places[k], ~left
+        lift_off, base, stance = base, places[k], other_side(stance)
     return jax.tree.map(lambda *parts: jnp.stack(parts), *instants)
 
 
@@ -170,16 +171,16 @@ def solve_instant(controlled: ControlledRobot, instant: SwingInstant) -> Instant
     swing = _swing(controller, instant)
     zero, none = jnp.zeros((), dtype), jnp.zeros(3, dtype)
     height = jnp.asarray(gait.hlip.com_height, dtype)
-    feet = _right_and_left(instant.left, none, swing.position)
+    feet = _right_and_left(instant.stance, none, swing.position)
     state = place_robot(
         robot,
         jnp.append(instant.com, height),
         jnp.append(instant.com_velocity, 0.0),
         feet,
-        _right_and_left(instant.left, none, swing.velocity),
+        _right_and_left(instant.stance, none, swing.velocity),
     )
     terms = rigid_body_terms(robot, state.qpos, state.qvel)
-    stance = jnp.stack([~instant.left, instant.left]).astype(dtype)
+    stance = jax.nn.one_hot(instant.stance, 2, dtype=dtype)
     still = Motion(zero, zero, zero)
     reference = GaitReference(stance, swing, still, rate**2 * instant.com, height, still)
     tasks = whole_body_tasks(controller, terms, reference)
@@ -193,7 +194,7 @@ def solve_instant(controlled: ControlledRobot, instant: SwingInstant) -> Instant
     acceleration = dynamics.acceleration @ x + dynamics.acceleration_offset
     # Not clipped as on the robot: the QP keeps the limits, and clipping would stop the derivatives there.
     motors = controller.actuation.motors_from_torques @ (dynamics.torque @ x + dynamics.torque_offset)
-    foot = jnp.where(instant.left, 0, 1)
+    foot = other_side(instant.stance)
     moved = terms.foot_jacobians[foot, :3] @ acceleration + terms.foot_bias_accelerations[foot, :3]
     com = terms.com_jacobian @ acceleration + terms.com_bias_acceleration
     legs = 2 * len(LEG_JOINTS)
@@ -220,7 +221,7 @@ def footstep_correction(
         (state.com_from_stance, state.com_velocity),
         jnp.zeros((2, 2), dtype),
         jnp.zeros((), dtype),
-        -state.stance_side,
+        -state.stance_sign,
         # The swing foot itself is left out of the choice of time: it is on its way already.
         places[0],
         remaining,
@@ -250,6 +251,6 @@ def _swing(controller: Controller, instant: SwingInstant) -> Motion:
     return jax.tree.map(jnp.append, level, upward)
 
 
-def _right_and_left(left: Bool[Array, ""], stance: Float[Array, "3"], swing: Float[Array, "3"]) -> Float[Array, "2 3"]:
-    """Values of both feet, in their order, from those of the stance and of the swing foot."""
-    return jnp.where(left, jnp.stack([swing, stance]), jnp.stack([stance, swing]))
+def _right_and_left(side: Int[Array, ""], stance: Float[Array, "3"], swing: Float[Array, "3"]) -> Float[Array, "2 3"]:
+    """Values of both feet, in their order, from those of the stance foot, of given side, and of the swing foot."""
+    return jnp.where(side == Side.LEFT, jnp.stack([swing, stance]), jnp.stack([stance, swing]))

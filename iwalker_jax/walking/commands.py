@@ -10,7 +10,6 @@ from jaxtyping import Float
 
 from iwalker_jax.control.footstep_check import check_footsteps, load_footsteps
 from iwalker_jax.control.footstep_plan import (
-    LEFT,
     FootstepPlan,
     footsteps_along,
     make_plan,
@@ -20,6 +19,7 @@ from iwalker_jax.control.footstep_plan import (
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
+from iwalker_jax.geometry.sides import Side, other_side
 from iwalker_jax.robot.model import FEET
 
 MotionKind = Literal["stand", "in_place", "straight", "sideways", "turn", "s_curve", "footsteps", "path"]
@@ -107,9 +107,9 @@ def make_walk(motion: Motion, model: mujoco.MjModel, gait: GaitParameters, rows:
     step_time = float(gait.hlip.step_time)
     before = gait.stand_time + gait.shift_time + gait.settle_time
     if motion.kind == "stand":
-        plan = make_plan(np.zeros((0, 2)), np.zeros(0), LEFT, rows or _ROWS)
+        plan = make_plan(np.zeros((0, 2)), np.zeros(0), Side.LEFT, rows or _ROWS)
         return Walk(plan, None, 0.0, 10.0 if motion.seconds is None else motion.seconds)
-    path, first_swing = None, LEFT
+    path, first_swing = None, Side.LEFT
     length = motion.speed * step_time if motion.step_length is None else motion.step_length
     speed = length / step_time
     if motion.kind == "footsteps" and motion.file is not None:
@@ -122,13 +122,13 @@ def make_walk(motion: Motion, model: mujoco.MjModel, gait: GaitParameters, rows:
             raise InputError(f"A path is followed at {speed:g} m/s; give a speed above 0.")
         whole = host.polyline_length(path)
         shares = ramp_shares(_steps_for(whole, length), _ramp(length))
-        positions, yaws = footsteps_along(path, np.cumsum(shares) * length, motion.width, LEFT)
+        positions, yaws = footsteps_along(path, np.cumsum(shares) * length, motion.width, Side.LEFT)
     else:
         positions, yaws, speed = _velocity_walk(motion, length, step_time)
     feet = standing_feet(model)
     start = feet[:, :2].mean(axis=0)
     positions, path = positions + start, None if path is None else path + start
-    check_footsteps(positions, yaws, first_swing, gait.reach, feet[1 - first_swing])
+    check_footsteps(positions, yaws, first_swing, gait.reach, feet[other_side(first_swing)])
     plan = make_plan(positions, yaws, first_swing, rows or -(-len(positions) // _ROWS) * _ROWS)
     return Walk(plan, path, speed, before + len(positions) * step_time * gait.slowest + _SETTLING)
 
@@ -143,7 +143,7 @@ def _velocity_walk(motion: Motion, length: float, step_time: float) -> tuple[np.
     forward, sideways = (0.0, pace) if motion.kind == "sideways" else (pace, 0.0)
     turn = np.radians(motion.turn) if motion.kind == "turn" else 0.0
     command = (forward / step_time, sideways / step_time, float(turn))
-    positions, yaws = velocity_footsteps(*command, steps, step_time, motion.width, LEFT, _ramp(pace))
+    positions, yaws = velocity_footsteps(*command, steps, step_time, motion.width, Side.LEFT, _ramp(pace))
     return positions, yaws, pace / step_time
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
@@ -17,13 +17,13 @@ class TimedFootsteps(NamedTuple):
         times: (K,) [s] planned touchdown.
         positions: (K, 2) [m] middle of the line foot, world frame.
         yaws: (K,) [rad] heading of the foot.
-        sides: (K,) +1 for left and -1 for right feet.
+        sides: (K,) the `Side` of each.
     """
 
     times: Float[np.ndarray, " k"]
     positions: Float[np.ndarray, "k 2"]
     yaws: Float[np.ndarray, " k"]
-    sides: Float[np.ndarray, " k"]
+    sides: Int[np.ndarray, " k"]
 
 
 @dataclass(frozen=True)

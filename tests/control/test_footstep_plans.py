@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from iwalker_jax.control.footstep_check import check_footsteps, load_footsteps
-from iwalker_jax.control.footstep_plan import footsteps_along, make_plan, sides, velocity_footsteps
+from iwalker_jax.control.footstep_plan import footsteps_along, make_plan, velocity_footsteps
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.sides import Side, side_of_step
 from iwalker_jax.optimization import StepReach
 
 REACH = StepReach(sagittal=0.3, lateral_min=0.045, lateral_max=0.26)
@@ -18,7 +19,7 @@ def test_straight_steps_alternate_about_the_line():
     np.testing.assert_allclose(positions[:, 1], 0.05 * np.array([1, -1] * 6), atol=1e-12)
     np.testing.assert_allclose(yaws, 0)
     plan = make_plan(positions, yaws, 1, rows=20)
-    assert list(sides(plan)[:4]) == [1, -1, 1, -1]
+    assert list(side_of_step(plan.first_swing, np.arange(4))) == [Side.LEFT, Side.RIGHT, Side.LEFT, Side.RIGHT]
     np.testing.assert_allclose(plan.positions[12:14], positions[-2:], atol=1e-6)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from bruce_model import crouch_qpos
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.tasks.task import Task
@@ -78,6 +79,7 @@ def make_record(
         feet=feet.reshape(n, 2, 3),
         path=path,
         footsteps=steps,
+        first_side=np.full(n, Side.RIGHT),
         clearance=0.3 + 0.1 * np.cos(time),
         stopped=np.zeros(n, bool),
         detour=np.arange(n) % 4 == 0,

@@ -29,7 +29,7 @@ def make_result(truth: bool = True, frames: int = 4, name: str = "office") -> Se
         tracked=np.tile(path + np.array([0.0, 0.3]), (n, 1, 1)),
         footsteps=np.tile(steps, (n, 1, 1)),
         fear=np.linspace(0.1, 0.9, n),
-        stance_side=np.where(in_view, 1.0, -1.0),
+        stance_sign=np.where(in_view, 1.0, -1.0),
         plan=PlanMetrics(counting, 2 * counting, 10 + counting, 0.5 * counting),
         truth=TrueMetrics(
             path_collides=~served,

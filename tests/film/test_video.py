@@ -10,6 +10,7 @@ import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.film.headless import configure_rendering
+from iwalker_jax.geometry.sides import Side
 
 configure_rendering()
 
@@ -120,7 +121,7 @@ def test_footsteps_forces_and_pushes_are_drawn_where_they_are(drawing, box):
     """Left footsteps are blue at +y, which is up; the next one is larger; green forces and red pushes can be seen."""
     qpos, times = sliding(box, speed=0.0)
     steps = TimedFootsteps(
-        np.array([0.5, 5.0]), np.array([[0.5, 0.4], [0.5, -0.4]]), np.zeros(2), np.array([1.0, -1.0])
+        np.array([0.5, 5.0]), np.array([[0.5, 0.4], [0.5, -0.4]]), np.zeros(2), np.array([Side.LEFT, Side.RIGHT])
     )
     forces = np.zeros((len(times), 4, 3))
     forces[:, 1] = (-40.0, 0.0, 10.0)

@@ -22,7 +22,7 @@ def course(path, look=(5.0, 0.0), centre=(0.0, 0.0), heading=0.0):
 def stance(left: bool, yaw: float = 0.0) -> Stance:
     side = 0.05 if left else -0.05
     foot = jnp.asarray([-side * np.sin(yaw), side * np.cos(yaw)], jnp.float32)
-    return Stance(jnp.zeros(2), jnp.zeros(2), foot, jnp.asarray(yaw), jnp.asarray(left), jnp.asarray(0.0))
+    return Stance(jnp.zeros(2), jnp.zeros(2), foot, jnp.asarray(yaw), jnp.asarray(int(left)), jnp.asarray(0.0))
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from iwalker_jax.geometry.sides import footstep_signs
 from iwalker_jax.optimization import HlipParameters
-from iwalker_jax.planning.footsteps import closest_on_path, footstep_sides, nominal_footsteps
+from iwalker_jax.planning.footsteps import closest_on_path, nominal_footsteps
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry, pre_impact_planes, sample_robot_state
 from tests.gradients import assert_gradients_agree
 
@@ -17,10 +18,10 @@ STRAIGHT = jnp.stack([jnp.linspace(0.0, 4.0, 100), jnp.zeros(100)], axis=1)
 
 def test_left_feet_stand_on_the_left():
     """With the left foot as stance foot the next footstep is a right one, at negative y."""
-    sides = footstep_sides(jnp.asarray(1.0), 4)
+    sides = footstep_signs(jnp.asarray(1.0), 4)
     np.testing.assert_array_equal(sides, [-1, 1, -1, 1])
     footsteps, _ = nominal_footsteps(STRAIGHT, jnp.asarray(1.0), GEOMETRY)
-    np.testing.assert_allclose(footsteps[:, 1], footstep_sides(jnp.asarray(1.0), GEOMETRY.count) * GEOMETRY.width / 2)
+    np.testing.assert_allclose(footsteps[:, 1], footstep_signs(jnp.asarray(1.0), GEOMETRY.count) * GEOMETRY.width / 2)
     np.testing.assert_allclose(footsteps[:, 0], GEOMETRY.length * np.arange(1, GEOMETRY.count + 1), atol=1e-5)
 
 
@@ -74,9 +75,9 @@ def test_sampled_states_scatter_about_the_walking_orbit():
     keys = jax.random.split(jax.random.key(0), 4000)
     states = jax.vmap(lambda key: sample_robot_state(key, GEOMETRY, hlip))(keys)
     planes = jax.vmap(lambda s: pre_impact_planes(s, hlip))(states)
-    inward = -np.asarray(states.stance_side) * np.asarray(planes[:, 1, 1])
+    inward = -np.asarray(states.stance_sign) * np.asarray(planes[:, 1, 1])
     assert np.mean(inward) == pytest.approx(GEOMETRY.width / 2, abs=3e-3)
-    assert abs(np.mean(np.asarray(states.stance_side))) < 0.05
+    assert abs(np.mean(np.asarray(states.stance_sign))) < 0.05
     assert np.std(inward) > 0.01
 
 

@@ -38,7 +38,7 @@ def test_every_part_of_the_robot_state_matters():
     changes = {
         "com_from_stance": states.com_from_stance + 0.05,
         "com_velocity": states.com_velocity + 0.2,
-        "stance_side": -states.stance_side,
+        "stance_sign": -states.stance_sign,
         "time_in_step": states.time_in_step + 0.05,
     }
     for name, value in changes.items():

@@ -101,7 +101,7 @@ def test_a_single_frame_passes_through_jit_vmap_and_grad(planner, frames):
         ({"mount": [0.6, 0.2]}, "mounts of shape"),
         ({"mount": [0.6, 15.0, 0.0, 0.0, 0.0]}, "pitch is 15"),
         ({"mount": [580.0, 0.2, 0.0, 0.0, 0.0]}, "height is 580"),
-        ({"state": standing_state(StepGeometry())._replace(stance_side=jnp.ones(2))}, "stance_side has shape"),
+        ({"state": standing_state(StepGeometry())._replace(stance_sign=jnp.ones(2))}, "stance_sign has shape"),
     ],
 )
 def test_bad_input_is_one_sentence(planner, changes, sentence):

@@ -115,7 +115,7 @@ def test_goals_are_drawn_as_documented(many_rows):
 def test_half_the_rows_are_mirrored_and_stance_sides_are_even(many_rows):
     """Oracle: binomial shares within four standard deviations."""
     _, batch = many_rows
-    for flags in (batch.mount[:, 2] < 0, batch.state.stance_side > 0):
+    for flags in (batch.mount[:, 2] < 0, batch.state.stance_sign > 0):
         assert abs(float(np.mean(flags)) - 0.5) < 4 * 0.5 / np.sqrt(600)
     mirrored = np.asarray(batch.mount[:, 2] < 0)
     moved = batch.goal[:, 1] != 0

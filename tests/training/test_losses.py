@@ -61,7 +61,7 @@ def test_u_step_gradient_equals_finite_differences(x64):
         lambda x: x.astype(jnp.float64), sample_robot_state(jax.random.key(1), MODELS.steps, HlipParameters())
     )
     path = waypoints_to_path(_waypoints()[None])[0]
-    footsteps, _ = nominal_footsteps(path, state.stance_side, MODELS.steps)
+    footsteps, _ = nominal_footsteps(path, state.stance_sign, MODELS.steps)
 
     def loss(steps, along):
         return weighted_sum(step_losses(steps, along, state, maps, MODELS, "implicit"), LossWeights())[None]

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.planning.robot_state import RobotState
 from iwalker_jax.training.losses import LossWeights
@@ -68,7 +69,7 @@ def test_a_steady_walk_repeats_itself_mirrored(x64):
     state = walking_state()
     instants = swing_instants(load_controlled_robot(), footsteps_of(state), state, WIDTH)
     first, second = (jax.tree.map(lambda part, k=k: np.asarray(part)[k : k + 2], instants) for k in (0, 2))
-    assert first.left.all() and not second.left.any()
+    assert (first.stance == Side.LEFT).all() and (second.stance == Side.RIGHT).all()
     stride = SPEED * TIME
     np.testing.assert_allclose(first.lift_off, [[-stride, -WIDTH]] * 2, atol=1e-12)
     np.testing.assert_allclose(first.footstep, [[stride, -WIDTH]] * 2, atol=1e-12)

@@ -9,11 +9,11 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from bruce_model import load_mujoco
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.episodes.film_panels import Plan, depth_panel, left_feet, map_panel, write
+from iwalker_jax.evaluation.episodes.film_panels import Plan, depth_panel, map_panel, write
 from iwalker_jax.evaluation.episodes.pictures import in_true_world
 from iwalker_jax.film.markers import add_footsteps, add_goal, add_path, add_shadow
 from iwalker_jax.film.recorded_motion import check_motion, smooth_track
@@ -21,6 +21,7 @@ from iwalker_jax.film.rendering import VideoSettings, open_renderer, set_configu
 from iwalker_jax.film.video import write_frames
 from iwalker_jax.geometry import host
 from iwalker_jax.geometry.planar import to_base
+from iwalker_jax.geometry.sides import side_of_step
 from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
 from iwalker_jax.scenes.mjcf import obstacle_geoms
 from iwalker_jax.scenes.scene import Scene
@@ -167,17 +168,20 @@ def _robot_view(
     if np.isfinite(path).all():
         add_path(scene, path)
     if np.isfinite(steps).all() and len(steps) > 2:
-        add_footsteps(scene, _timed(steps, float(episode.time[i])), float(episode.time[i]))
+        add_footsteps(scene, _timed(steps, planned_sides(episode, i), float(episode.time[i])), float(episode.time[i]))
     return renderer.render()
 
 
-def _timed(steps: Float[np.ndarray, "m 2"], now: float) -> TimedFootsteps:
+def _timed(steps: Float[np.ndarray, "m 2"], sides: Int[np.ndarray, " m"], now: float) -> TimedFootsteps:
     """Planned footsteps that are all still to come."""
     way = np.gradient(0.5 * (steps[1:] + steps[:-1]), axis=0)
     yaws = np.arctan2(way[:, 1], way[:, 0])
-    return TimedFootsteps(
-        now + 1.0 + np.arange(len(steps)), steps, np.append(yaws, yaws[-1]), np.where(left_feet(steps), 1.0, -1.0)
-    )
+    return TimedFootsteps(now + 1.0 + np.arange(len(steps)), steps, np.append(yaws, yaws[-1]), sides)
+
+
+def planned_sides(episode: EpisodeRecord, i: int) -> Int[np.ndarray, " m"]:
+    """The `Side` of each planned footstep of a frame."""
+    return side_of_step(int(episode.first_side[i]), np.arange(episode.footsteps.shape[1]))
 
 
 def _seen(
@@ -207,7 +211,7 @@ def _plan_from(pose: Float[np.ndarray, " 3"], task: Task, episode: EpisodeRecord
     goal = task.goals[min(int(episode.goal[i]), len(task.goals) - 1)]
     plan = (episode.path[i], episode.footsteps[i], goal[None])
     path, steps, goal = (np.nan_to_num(np.asarray(to_base(jnp.asarray(pose), jnp.asarray(p)))) for p in plan)
-    return Plan(path, steps, goal[0])
+    return Plan(path, steps, goal[0], planned_sides(episode, i))
 
 
 def _composed(robot: np.ndarray, panels: tuple[np.ndarray, np.ndarray], caption: tuple[str, str]) -> np.ndarray:

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.navigation.map_memory import MapMemoryParameters
 from iwalker_jax.perception.camera import Intrinsics
 
@@ -14,6 +15,7 @@ Image = UInt8[np.ndarray, "height width 3"]
 
 _RED, _ORANGE, _BLUE, _MAGENTA = (217, 38, 38), (240, 120, 20), (31, 119, 180), (214, 0, 190)
 _INK, _GRID, _FREE, _WALL = (45, 45, 50), (224, 223, 217), (246, 245, 241), (93, 97, 107)
+_FEET = {Side.RIGHT: _ORANGE, Side.LEFT: _BLUE}
 _NO_RETURN = (38, 38, 42)
 _FAR = 6.0  # [m] at the end of the depth's colours
 _NEAR = 0.15  # [m] in front of the camera where lines are cut off
@@ -26,11 +28,13 @@ class Plan(NamedTuple):
 
     Attributes:
         path: (n, 2) [m]; footsteps: (m, 2) [m]; goal: (2,) [m].
+        sides: (m,) the `Side` of each footstep.
     """
 
     path: Float[np.ndarray, "n 2"]
     footsteps: Float[np.ndarray, "m 2"]
     goal: Float[np.ndarray, " 2"]
+    sides: Int[np.ndarray, " m"]
 
 
 def depth_panel(
@@ -114,22 +118,12 @@ def map_panel(
     row, column = np.clip(cell, 0, rules.cells - 1)
     image[inside & occupied[row, column]] = _WALL
     _polyline(image, pixels(plan.path), _RED, 2)
-    for place, left in zip(pixels(plan.footsteps), left_feet(plan.footsteps)):
-        cv2.circle(image, _fixed(place), 3 * 2**_FRACTION, _BLUE if left else _ORANGE, -1, cv2.LINE_AA, _FRACTION)
+    for place, foot in zip(pixels(plan.footsteps), plan.sides, strict=True):
+        cv2.circle(image, _fixed(place), 3 * 2**_FRACTION, _FEET[Side(foot)], -1, cv2.LINE_AA, _FRACTION)
     triangle = origin + np.array([[0, -11], [7, 7], [0, 3], [-7, 7]])
     cv2.fillPoly(image, [np.round(triangle * 2**_FRACTION).astype(np.int32)], _INK, cv2.LINE_AA, _FRACTION)
     _goal(image, origin, pixels(plan.goal[None])[0])
     return _labelled(image, "map and plan")
-
-
-def left_feet(footsteps: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
-    """Which of alternating footsteps are left ones: those to the left of the line between their neighbours."""
-    if len(footsteps) < 3:
-        return np.arange(len(footsteps)) % 2 == 0
-    chord, middle = footsteps[2:] - footsteps[:-2], footsteps[1:-1] - footsteps[:-2]
-    turns = chord[:, 0] * middle[:, 1] - chord[:, 1] * middle[:, 0]
-    odd = np.sum(turns * (-1.0) ** np.arange(len(turns))) > 0
-    return (np.arange(len(footsteps)) % 2 == 1) == odd
 
 
 def write(

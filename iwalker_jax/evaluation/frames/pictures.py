@@ -6,8 +6,8 @@ import numpy as np
 
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.evaluation.frames.sequences import Sequence, SequenceResult
+from iwalker_jax.geometry.sides import footstep_signs
 from iwalker_jax.perception.grid import DEFAULT_GRID
-from iwalker_jax.planning.footsteps import footstep_sides
 
 _VIEW = (-0.6, 5.0, 2.4)
 """[m] rear, front and half width of the ground shown."""
@@ -92,7 +92,7 @@ def _map(axis, result: SequenceResult, i: int) -> None:
 def _footsteps(axis, result: SequenceResult, i: int) -> None:
     shown = np.where(result.maps.occupied[i], 0.0, 1.0)
     _ground(axis, shown, result, i, cmap="gray", vmin=0.0, vmax=1.0)
-    left = np.asarray(footstep_sides(result.stance_side[i], result.footsteps.shape[1])) > 0
+    left = np.asarray(footstep_signs(result.stance_sign[i], result.footsteps.shape[1])) > 0
     for side, label in ((left, "left"), (~left, "right")):
         steps = result.footsteps[i, side]
         axis.plot(steps[:, 1], steps[:, 0], "s", color=FOOT_COLOURS[label], ms=3, label=label)

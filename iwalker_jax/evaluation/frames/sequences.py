@@ -55,7 +55,7 @@ class SequenceResult:
         path, tracked: (n, 100, 2) [m] before and after the unicycle MPC.
         footsteps: (n, m, 2) [m].
         fear: (n,) predicted probability of an obstacle on the path.
-        stance_side: (n,) +1 where the left foot is the stance foot.
+        stance_sign: (n,) `side_sign` of the stance foot.
         plan: the paper's metrics.
         truth: ground-truth metrics; None for real recordings.
         in_view: (n,) whether the goal is in view; None for real recordings.
@@ -69,7 +69,7 @@ class SequenceResult:
     tracked: np.ndarray
     footsteps: np.ndarray
     fear: np.ndarray
-    stance_side: np.ndarray
+    stance_sign: np.ndarray
     plan: PlanMetrics
     truth: TrueMetrics | None
     in_view: np.ndarray | None
@@ -155,7 +155,7 @@ def evaluate_sequence(
         tracked=tracked,
         footsteps=plan.footsteps,
         fear=1.0 / (1.0 + np.exp(-plan.fear)),
-        stance_side=side,
+        stance_sign=side,
         plan=metrics,
         truth=truth,
         in_view=in_view,
@@ -173,7 +173,7 @@ def _plan_batch(
     plan = network.merge()(depth, goals, state, mounts)
     score = jax.vmap(lambda p, w, s, x, m: plan_metrics(p, w, s, x, m, models))
     metrics, tracked = score(plan.path, plan.waypoints, plan.footsteps, state, maps.published)
-    return plan, tracked, metrics, state.stance_side, maps
+    return plan, tracked, metrics, state.stance_sign, maps
 
 
 def _truth(sequence, goals, paths, footsteps, models, intrinsics) -> tuple[TrueMetrics, np.ndarray]:

@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.geometry import host
+from iwalker_jax.geometry.sides import side_of_step
 from iwalker_jax.walking.record import TimedFootsteps, WalkRecord
 from iwalker_jax.walking.rollout import Sample
 
@@ -84,7 +85,7 @@ def find_landings(sample: Sample, plan: FootstepPlan) -> Landings:
         row, rest = int(sample.step[at]) - 1, at + later
         if row >= count or rest >= len(sample.step) or sample.fallen[rest]:
             continue
-        foot = (first + row) % 2
+        foot = side_of_step(first, row)
         index[row], times[row] = at, sample.time[at]
         feet[row] = (*sample.feet[rest, foot, :2], sample.foot_yaws[rest, foot])
     return Landings(index, times, feet)
@@ -189,7 +190,7 @@ def walk_record(
     times = landed.times.copy()
     for k in np.flatnonzero(np.isnan(times)):
         times[k] = (times[k - 1] if k else float(sample.time[0])) + step_time
-    sides = np.where((int(plan.first_swing) + np.arange(count)) % 2 == 1, 1.0, -1.0)
+    sides = side_of_step(int(plan.first_swing), np.arange(count))
     planned = TimedFootsteps(times, np.asarray(plan.positions)[:count], np.asarray(plan.yaws)[:count], sides)
     w, x, y, z = sample.qpos[:, 3:7].T
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x**2 + y**2))

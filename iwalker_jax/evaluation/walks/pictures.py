@@ -7,6 +7,7 @@ import numpy as np
 
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.evaluation.walks.traces import draw_from_above, ground_extent, travelled
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.walking.record import WalkRecord
 
 _FEET = ("right", "left")
@@ -181,8 +182,9 @@ def _friction(axis, record: WalkRecord) -> None:
 def _footstep_errors(axis, record: WalkRecord) -> None:
     errors = 100.0 * record.footstep_errors()
     steps = np.arange(len(errors)) + 1
-    for side, foot in ((-1, "right"), (1, "left")):
-        mine = np.sign(record.planned.sides) == side
+    for side in Side:
+        foot = side.name.lower()
+        mine = record.planned.sides == side
         axis.bar(steps[mine], errors[mine], color=FOOT_COLOURS[foot], width=0.8, label=f"{foot} foot")
     missing = ~np.isfinite(errors)
     if missing.any():

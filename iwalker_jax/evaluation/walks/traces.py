@@ -7,6 +7,7 @@ import numpy as np
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.walking.record import WalkRecord
 
 _MARK_LENGTH = 0.045
@@ -57,8 +58,9 @@ def draw_from_above(axis, record: WalkRecord, low: np.ndarray, high: np.ndarray)
         axis.plot(record.path[:, 0], record.path[:, 1], "-", color="tab:red", linewidth=1.0, label="path")
     axis.plot(record.com[:, 0], record.com[:, 1], "-", color="black", linewidth=0.9, label="COM")
     planned = record.planned
-    for side, foot in ((-1, "right"), (1, "left")):
-        mine = np.sign(planned.sides) == side
+    for side in Side:
+        foot = side.name.lower()
+        mine = planned.sides == side
         _feet(axis, planned.positions[mine], planned.yaws[mine], color="0.65", linewidth=4.5, label="planned")
         made = record.actual[mine]
         _feet(axis, made[:, :2], made[:, 2], color=FOOT_COLOURS[foot], linewidth=1.8, label=f"{foot} foot")

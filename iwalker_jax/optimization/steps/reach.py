@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.checks import Scalar, field_values, require_range
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry.sides import footstep_signs
 
 _LEAST = 1e-3  # room [m] below which two bounds count as contradicting
 
@@ -60,11 +61,11 @@ def step_bounds(
     """Lowest and highest (sagittal, lateral) size of steps u_0..u_{N-1} [m].
 
     Args:
-        stance: +1 if the CURRENT stance foot is the left one: step 0 then moves the right foot, whose lateral step
-            is negative (y to the left); -1 if it is the right one.
+        stance: `side_sign` of the CURRENT stance foot; +1 if it is the left one: step 0 then moves the right foot,
+            whose lateral step is negative (y to the left).
     """
-    side = -stance * jnp.where(jnp.arange(horizon) % 2 == 0, 1, -1)
-    near, far = side * reach.lateral_min, side * reach.lateral_max
+    signs = footstep_signs(stance, horizon)
+    near, far = signs * reach.lateral_min, signs * reach.lateral_max
     forward = jnp.broadcast_to(reach.sagittal, near.shape)
     return (
         jnp.stack([-forward, jnp.minimum(near, far)], axis=1),

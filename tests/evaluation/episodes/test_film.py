@@ -9,10 +9,11 @@ from iwalker_jax.film.headless import configure_rendering
 configure_rendering()
 
 from iwalker_jax.errors import InputError  # noqa: E402
-from iwalker_jax.evaluation.episodes.film import FilmSettings, film_frames, film_model, write_film  # noqa: E402
-from iwalker_jax.evaluation.episodes.film_panels import Plan, depth_panel, left_feet, map_panel  # noqa: E402
+from iwalker_jax.evaluation.episodes.film import FilmSettings, film_frames, film_model, planned_sides, write_film  # noqa: E402
+from iwalker_jax.evaluation.episodes.film_panels import Plan, depth_panel, map_panel  # noqa: E402
 from iwalker_jax.evaluation.episodes.metrics import row_of  # noqa: E402
 from iwalker_jax.evaluation.episodes.pictures import in_true_world  # noqa: E402
+from iwalker_jax.geometry.sides import Side, other_side  # noqa: E402
 from iwalker_jax.navigation.record import Outcome  # noqa: E402
 from iwalker_jax.perception.camera import CameraMount, camera_pose  # noqa: E402
 from tests.evaluation.episode_records import make_record, make_task, room  # noqa: E402
@@ -23,6 +24,7 @@ AHEAD = Plan(
     np.stack([np.linspace(0, 2, 21), np.zeros(21)], axis=1),
     np.array([[0.1, 0.05], [0.2, -0.05], [0.3, 0.05], [0.4, -0.05]]),
     np.array([2.0, 1.0]),
+    np.array([Side.LEFT, Side.RIGHT, Side.LEFT, Side.RIGHT]),
 )
 
 
@@ -59,7 +61,7 @@ def test_the_goal_in_the_depth_image_lies_where_a_pinhole_puts_it():
 
 def test_nothing_measured_is_dark_and_near_is_brighter_than_far():
     R, p = (np.asarray(part) for part in camera_pose(CameraMount().as_array()))
-    nowhere = Plan(np.zeros((2, 2)), np.zeros((0, 2)), np.array([-5.0, 0.0]))
+    nowhere = Plan(np.zeros((2, 2)), np.zeros((0, 2)), np.array([-5.0, 0.0]), np.zeros(0, int))
     images = [depth_panel(np.full((90, 160), metres), nowhere, R, p, SIZE) for metres in (0.0, 1.0, 5.0)]
     dark, near, far = (image[100:200, :100].mean() for image in images)
     assert dark < far < near
@@ -85,13 +87,25 @@ def test_a_goal_behind_is_an_arrow_at_the_edge():
     assert coloured(image, (214, 0, 190), 20)[:, 0].min() > 440
 
 
-def test_left_and_right_feet_are_told_apart():
-    """Whatever the walking direction and whichever foot comes first."""
-    for turn in np.linspace(0, 6, 5):
-        rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        steps = AHEAD.footsteps @ rotation.T
-        np.testing.assert_array_equal(left_feet(steps), [True, False, True, False])
-        np.testing.assert_array_equal(left_feet(steps[1:]), [False, True, False])
+def test_left_feet_are_blue_and_right_ones_orange():
+    """Oracle: the sides that the plan names, whatever the footsteps' places."""
+    nothing = np.zeros((160, 160), bool)
+    for sides in (AHEAD.sides, other_side(AHEAD.sides)):
+        image = map_panel(nothing, np.zeros(2), np.zeros(3), AHEAD._replace(sides=sides), SIZE)
+        for side, colour in ((Side.LEFT, (31, 119, 180)), (Side.RIGHT, (240, 120, 20))):
+            marks = coloured(image, colour, 20).mean(axis=0)
+            left = AHEAD.footsteps[sides == side, 1].mean()
+            assert marks[0] == pytest.approx(240 - 60 * left, abs=1.0)
+
+
+def test_a_films_footsteps_start_with_the_recorded_foot(filmed):
+    _, episode = filmed
+    right_first, left_first = (
+        planned_sides(episode._replace(first_side=np.full_like(episode.first_side, side)), 3) for side in Side
+    )
+    np.testing.assert_array_equal(right_first[:3], [Side.RIGHT, Side.LEFT, Side.RIGHT])
+    np.testing.assert_array_equal(left_first, other_side(right_first))
+    assert len(left_first) == episode.footsteps.shape[1]
 
 
 def test_plans_of_a_robot_that_is_lost_are_drawn_where_it_is():

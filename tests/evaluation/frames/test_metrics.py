@@ -33,7 +33,7 @@ BODY = 0.15
 def planned():
     """A path, its footsteps and a smooth collision map, with their metrics."""
     path = waypoints_to_path(jnp.asarray(WAYPOINTS)[None])[0]
-    footsteps, _ = nominal_footsteps(path, STATE.stance_side, MODELS.steps)
+    footsteps, _ = nominal_footsteps(path, STATE.stance_sign, MODELS.steps)
     x, y = (low + (np.arange(100) + 0.5) * 0.1 for low in (PUBLISHED_GRID.x_min, PUBLISHED_GRID.y_min))
     published = np.exp(-((x[:, None] - 1.5) ** 2 + (y - 0.2) ** 2)).astype(np.float32)
     score = jax.jit(lambda *arguments: plan_metrics(*arguments, MODELS))

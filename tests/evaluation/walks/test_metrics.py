@@ -9,6 +9,7 @@ from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks.metrics import find_landings, robot_rows, speed_error, walk_metrics, walk_record
 from iwalker_jax.evaluation.walks.tables import Labels, WalkTable, load_table, summarise
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.walking.rollout import Sample
 
 STEP_TIME, INTERVAL = 0.24, 0.02
@@ -134,7 +135,7 @@ def test_the_record_tells_roll_and_pitch_and_times_every_footstep():
     np.testing.assert_allclose(record.planned.times, STEP_TIME * np.arange(1, 7), atol=1e-9)
     np.testing.assert_allclose(record.time, clock, atol=1e-9)
     assert np.isnan(record.actual[2:]).all() and np.isfinite(record.actual[:2]).all()
-    assert list(record.planned.sides) == [1, -1] * 3
+    assert list(record.planned.sides) == [Side.LEFT, Side.RIGHT] * 3
 
 
 def test_tables_gather_robots_and_can_be_read_back(tmp_path):

@@ -10,6 +10,7 @@ import pytest
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks.pictures import save_walk_sheet
 from iwalker_jax.evaluation.walks.traces import save_trace_grid
+from iwalker_jax.geometry.sides import Side
 from iwalker_jax.walking.record import TimedFootsteps, WalkRecord
 
 
@@ -22,10 +23,10 @@ def make_walk(turn: float = 0.0, fall: float | None = None, seconds: float = 4.0
     com = np.cumsum(forward, axis=0) * 0.01 + np.array([0.0, 0.0, 0.365])
     touchdown = np.arange(0.5, seconds, 0.25)
     count = len(touchdown)
-    sides = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
+    left = np.arange(count) % 2 == 0
     yaws = turn * touchdown
     centres = np.stack([np.interp(touchdown, time, com[:, i]) for i in range(2)], axis=1)
-    positions = centres + 0.05 * sides[:, None] * np.stack([-np.sin(yaws), np.cos(yaws)], axis=1)
+    positions = centres + np.where(left, 0.05, -0.05)[:, None] * np.stack([-np.sin(yaws), np.cos(yaws)], axis=1)
     actual = np.concatenate([positions + np.array([0.006, 0.008]), yaws[:, None]], axis=1)
     right_stands = (time % 0.5) < 0.25
     forces = np.zeros((n, 4, 3))
@@ -46,7 +47,7 @@ def make_walk(turn: float = 0.0, fall: float | None = None, seconds: float = 4.0
         torques=torques,
         torque_limits=np.full(16, 10.5),
         forces=forces,
-        planned=TimedFootsteps(touchdown, positions, yaws, sides),
+        planned=TimedFootsteps(touchdown, positions, yaws, np.where(left, Side.LEFT, Side.RIGHT)),
         actual=actual,
         commanded_speed=np.full(n, 0.15),
         estimated_velocity=forward,
@@ -113,7 +114,7 @@ def test_a_fall_missing_extras_and_standing_are_drawn(tmp_path, recwarn):
     none = np.zeros(0)
     standing = dataclasses.replace(
         make_walk(),
-        planned=TimedFootsteps(none, np.zeros((0, 2)), none, none),
+        planned=TimedFootsteps(none, np.zeros((0, 2)), none, np.zeros(0, int)),
         actual=np.zeros((0, 3)),
         commanded_speed=None,
         estimated_velocity=None,
