@@ -117,7 +117,7 @@ def _least(dtype: jnp.dtype) -> float:
 
 def _scale_row(
     line: Float[Array, " c *b"], k: Array, n: int
-) -> tuple[Float[Array, " c *b"], Float[Array, "*b"], Float[Array, "*b"]]:
+) -> tuple[Float[Array, " c *b"], Float[Array, "*b"], Float[Array, " n *b"]]:
     """Row k of the factor from the row with its predecessors' shares taken off, its pivot, and what lifted that."""
     own = jax.lax.dynamic_index_in_dim(line, k, keepdims=False)
     lifted = jnp.where(own < _least(line.dtype), LIFTED, own)

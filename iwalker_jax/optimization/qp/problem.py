@@ -4,11 +4,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import no_type_check
 from zipfile import BadZipFile
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
@@ -19,6 +21,7 @@ Blocks = tuple[tuple[str, int], ...]
 
 @partial(jax.tree_util.register_dataclass, data_fields=["P", "q", "C", "low", "high"], meta_fields=["blocks"])
 @dataclass(frozen=True)
+@no_type_check  # stacks have more axes, and JAX rebuilds trees with leaves that are no arrays
 class QuadraticProgram:
     """min x'P x / 2 + q'x with low <= C x <= high; batched by vmap or a scan over its arrays.
 
@@ -115,11 +118,11 @@ def check_program_shapes(problem: QuadraticProgram) -> None:
 
 
 def quadratic_program(
-    P: Float[Array, "n n"],
-    q: Float[Array, " n"],
-    C: Float[Array, "m n"] | None = None,
-    low: Float[Array, " m"] | None = None,
-    high: Float[Array, " m"] | None = None,
+    P: Float[ArrayLike, "n n"],
+    q: Float[ArrayLike, " n"],
+    C: Float[ArrayLike, "m n"] | None = None,
+    low: Float[ArrayLike, " m"] | None = None,
+    high: Float[ArrayLike, " m"] | None = None,
     blocks: Iterable[tuple[str, int]] = (),
 ) -> QuadraticProgram:
     """Make a program from concrete arrays and check all that can be checked; inside jit use the class itself.

@@ -94,7 +94,7 @@ def find_active_bounds(
         error = jnp.maximum(jnp.max(violation), jnp.max(sign_error))
         return after, jnp.where(jnp.isfinite(error), error, jnp.inf)
 
-    def admm(_: int, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    def admm(_: Array | int, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         z, y, operator = state
         w = free + operator @ (z - y - free)
         w = _RELAXATION * w + (1 - _RELAXATION) * z

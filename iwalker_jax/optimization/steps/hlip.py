@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from iwalker_jax.checks import Scalar, require_range
@@ -98,7 +99,7 @@ def modes(parameters: HlipParameters) -> Modes:
 
 
 def divergent_component(
-    parameters: HlipParameters, position: Float[Array, "*n"], velocity: Float[Array, "*n"]
+    parameters: HlipParameters, position: Float[ArrayLike, "*#n"], velocity: Float[ArrayLike, "*#n"]
 ) -> Float[Array, "*n"]:
     """Divergent component xi = p + lead v [m] relative to the stance foot; xi' = pole (xi - u).
 
@@ -109,7 +110,7 @@ def divergent_component(
         position: pre-impact p [m].
         velocity: pre-impact v [m/s].
     """
-    return position + modes(parameters).divergent_lead * velocity
+    return jnp.asarray(position) + modes(parameters).divergent_lead * velocity
 
 
 def pendulum_flow(
@@ -131,7 +132,7 @@ def pendulum_flow(
 
 
 def orbit_p1(
-    parameters: HlipParameters, velocity: Float[Array, "*n"]
+    parameters: HlipParameters, velocity: Float[ArrayLike, "*n"]
 ) -> tuple[Float[Array, "*n"], Float[Array, "*n"], Float[Array, "*n"]]:
     """Period-one (P1) orbit: the walk of equal steps, one plane (Xiong and Ames; usually the sagittal one).
 
@@ -151,7 +152,7 @@ def orbit_p1(
 
 
 def orbit_p2(
-    parameters: HlipParameters, step: Float[Array, "*n"], next_step: Float[Array, "*n"]
+    parameters: HlipParameters, step: Float[ArrayLike, "*#n"], next_step: Float[ArrayLike, "*#n"]
 ) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
     """Period-two (P2) orbit: the walk of two alternating steps, one plane (Xiong and Ames; usually the lateral one).
 
@@ -188,7 +189,9 @@ def deadbeat_gain(parameters: HlipParameters) -> Float[Array, "2"]:
     return jnp.stack([jnp.ones_like(lead), lead])
 
 
-def lqr_gain(parameters: HlipParameters, state_weights: Float[Array, "2"], input_weight: Scalar) -> Float[Array, "2"]:
+def lqr_gain(
+    parameters: HlipParameters, state_weights: Float[ArrayLike, "2"], input_weight: Scalar
+) -> Float[Array, "2"]:
     """Gain K of u = u* + K (x - x*) on x = [p, v] that minimises sum x'diag(w)x + r u^2 for ever.
 
     The discrete Riccati equation is solved by structure-preserving doubling (Chu, Fan, Lin 2005).

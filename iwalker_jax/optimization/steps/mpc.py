@@ -5,6 +5,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
@@ -51,8 +52,8 @@ def kkt_solver(cost: StepCost, pole: Float[Array, ""], horizon: int, gradient: G
 
 
 def solve_step_mpc(
-    footsteps: Float[Array, "n 2"],
-    initial_state: Float[Array, "2 3"],
+    footsteps: Float[ArrayLike, "n 2"],
+    initial_state: Float[ArrayLike, "2 3"],
     parameters: HlipParameters | None = None,
     weights: StepMpcWeights | None = None,
     gradient: GradientMode = "implicit",

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
@@ -37,10 +38,10 @@ _INSIDE = 0.98  # a state beyond reach is pulled to this fraction of the catchab
 
 
 def solve_bounded_step_mpc(
-    footsteps: Float[Array, "n 2"],
-    initial_state: Float[Array, "2 3"],
-    stance: Float[Array, ""],
-    headings: Float[Array, " n"] | None = None,
+    footsteps: Float[ArrayLike, "n 2"],
+    initial_state: Float[ArrayLike, "2 3"],
+    stance: Float[ArrayLike, ""],
+    headings: Float[ArrayLike, " n"] | None = None,
     reach: StepReach | None = None,
     parameters: HlipParameters | None = None,
     weights: StepMpcWeights | None = None,

@@ -12,6 +12,7 @@ from typing import NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.checks import Scalar, field_values, require_range
@@ -92,7 +93,7 @@ def gait_reference(pole: Float[Array, ""], steps: Float[Array, "n 2"]) -> Float[
 
 
 def check_step_inputs(
-    footsteps: Float[Array, "n 2"], initial_state: Float[Array, "2 3"], gradient: str
+    footsteps: Float[ArrayLike, "n 2"], initial_state: Float[ArrayLike, "2 3"], gradient: str
 ) -> tuple[Float[Array, "n 2"], Float[Array, "2 3"]]:
     """Both arrays in the footsteps' float type, or InputError."""
     footsteps, initial_state = jnp.asarray(footsteps), jnp.asarray(initial_state)

@@ -5,7 +5,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Num
 
 from iwalker_jax.checks import Scalar, field_values, require_range
 from iwalker_jax.errors import InputError
@@ -56,7 +56,7 @@ def sanitise_reach(reach: StepReach, dtype: Any) -> tuple[StepReach, Bool[Array,
 
 
 def step_bounds(
-    reach: StepReach, stance: Float[Array, ""], horizon: int
+    reach: StepReach, stance: Num[Array, ""], horizon: int
 ) -> tuple[Float[Array, "n 2"], Float[Array, "n 2"]]:
     """Lowest and highest (sagittal, lateral) size of steps u_0..u_{N-1} [m].
 

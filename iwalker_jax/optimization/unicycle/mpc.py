@@ -5,6 +5,7 @@ from typing import Any, NamedTuple, get_args
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
@@ -19,11 +20,11 @@ _LARGEST = 1e6
 
 
 def solve_unicycle(
-    reference: Float[Array, "n 2"],
-    initial_state: Float[Array, "4"],
+    reference: Float[ArrayLike, "n 2"],
+    initial_state: Float[ArrayLike, "4"],
     parameters: UnicycleParameters = UnicycleParameters(),
     gradient: GradientMode = "implicit",
-    weights: Float[Array, "3"] | None = None,
+    weights: Float[ArrayLike, "3"] | None = None,
 ) -> Solution:
     """Track a reference path with a unicycle (iWalker, eqs. 5-7) by differential dynamic programming.
 
@@ -43,8 +44,9 @@ def solve_unicycle(
     Raises:
         InputError: for arrays of a wrong shape or an unknown gradient mode.
     """
-    _check_inputs(reference, initial_state, gradient, weights)
-    live_weights = parameters.weights().astype(reference.dtype) if weights is None else weights
+    reference, initial_state = jnp.asarray(reference), jnp.asarray(initial_state)
+    live_weights = parameters.weights().astype(reference.dtype) if weights is None else jnp.asarray(weights)
+    _check_inputs(reference, initial_state, gradient, live_weights)
     if gradient == "stopped":
         reference, initial_state, live_weights = lax.stop_gradient((reference, initial_state, live_weights))
 
@@ -80,13 +82,13 @@ def solve_unicycle(
     return Solution(plan, status, error, iterations, trusted)
 
 
-def _check_inputs(reference: Array, initial_state: Array, gradient: str, weights: Array | None) -> None:
+def _check_inputs(reference: Array, initial_state: Array, gradient: str, weights: Array) -> None:
     """Refuse shapes that do not fit and unknown gradient modes; works on tracers."""
     if reference.ndim != 2 or reference.shape[1] != 2 or reference.shape[0] < 3:
         raise InputError(f"The reference must be (N, 2) with N >= 3, got {reference.shape}; use jax.vmap for a batch.")
     if initial_state.shape != (4,):
         raise InputError(f"The initial state must be (4,) = [x, y, v, theta], got {initial_state.shape}.")
-    if weights is not None and weights.shape != (3,):
+    if weights.shape != (3,):
         raise InputError(f"The weights must be (3,) = [position, turn, acceleration], got {weights.shape}.")
     if gradient not in get_args(GradientMode):
         raise InputError(f"The gradient mode must be one of {get_args(GradientMode)}, got {gradient!r}.")
