@@ -146,6 +146,18 @@ def test_named_files_links_and_pictures_exist(page):
     assert not missing, f"{page.name} points at what does not exist: {', '.join(missing)}"
 
 
+def test_what_the_changelog_says_is_there_now_is_there():
+    """The second column of its tables of what moved: modules that exist and options that their commands take."""
+    moved = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("### Moved")[1].split("\n## ")[0]
+    rows = [row.split("|")[2] for row in moved.splitlines() if row.startswith("| `")]
+    spans = [span for row in rows for span in re.findall(r"`((?:iwalker_jax|experiments)\.[^`]+)`", row)]
+    assert spans
+    for span in spans:
+        name, *words = span.split()
+        assert exists(name), f"there is no {name}"
+        assert not words or takes(name, tuple(words)), f"{name} does not take {' '.join(words)}"
+
+
 def test_the_table_of_commands_holds_every_experiment():
     readme = ROOT / "README.md"
     rows = [line for line in readme.read_text(encoding="utf-8").splitlines() if line.startswith("| `python -m")]
