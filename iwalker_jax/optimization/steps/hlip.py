@@ -4,7 +4,7 @@ Notation: one plane at a time; pre-impact state [c, p, v] with c the COM positio
 stance foot [m], v the COM velocity [m/s]; input u the step size [m]. The footstep is s = c - p, and s' = s + u
 holds exactly.
 Source: Xiong and Ames, "3-D underactuated bipedal walking via H-LIP based gait synthesis and stepping
-stabilization" (2022); the iWalker paper, eq. 9. Every function accepts traced fields in `HlipParameters`.
+stabilization" (2022); the iWalker paper, eq. 11. Every function accepts traced fields in `HlipParameters`.
 """
 
 from dataclasses import dataclass
@@ -69,7 +69,7 @@ class Modes(NamedTuple):
 
 
 def step_matrices(parameters: HlipParameters) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
-    """Step-to-step map x' = A x + B u of the pre-impact state [c, p, v] [m, m, m/s] (iWalker, eq. 9): A and B."""
+    """Step-to-step map x' = A x + B u of the pre-impact state [c, p, v] [m, m, m/s] (iWalker, eq. 11): A and B."""
     rate, double = parameters.rate, parameters.double_support_time
     cosh = jnp.cosh(rate * parameters.single_support_time)
     sinh = jnp.sinh(rate * parameters.single_support_time)

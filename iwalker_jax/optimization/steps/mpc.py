@@ -1,4 +1,4 @@
-"""H-LIP step MPC in closed form: the steps nearest to wanted ones that keep the pendulum walking (iWalker, eq. 11)."""
+"""H-LIP step MPC in closed form: the steps nearest to wanted ones that keep the pendulum walking (iWalker, eq. 9)."""
 
 from collections.abc import Callable
 from functools import partial
@@ -58,7 +58,7 @@ def solve_step_mpc(
     weights: StepMpcWeights | None = None,
     gradient: GradientMode = "implicit",
 ) -> Solution:
-    """Plan the steps nearest to wanted ones (iWalker, eq. 11, with weights on the orbit: see `problem`).
+    """Plan the steps nearest to wanted ones (iWalker, eq. 9, with weights on the orbit: see `problem`).
 
     One linear KKT solve; the plan is linear in (footsteps, initial state).
 

@@ -1,4 +1,4 @@
-"""The step MPC's quadratic program (iWalker, eq. 11): weights, reference gait, modal form, plan of its solution.
+"""The step MPC's quadratic program (iWalker, eq. 9): weights, reference gait, modal form, plan of its solution.
 
 Indices: the robot stands on s_0 = c_0 - p_0 in the pre-impact state x_0; footsteps[k] is the wanted s_{k+1}, so row 0
 is the NEXT footstep, and row k of a plan's states is the pre-impact state on that footstep. With u_k = s_{k+1} - s_k
