@@ -8,10 +8,14 @@ import importlib.util
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
+from iwalker_jax.navigation.navigators import POLICIES
+from iwalker_jax.navigation.record import Outcome
+from iwalker_jax.optimization import GradientMode, Status
+from iwalker_jax.training.config import PRESETS
 from tests.docs.command_line import parse_command, reads_options
 from tests.docs.pages import (
     PACKAGES,
@@ -179,6 +183,23 @@ def test_the_floors_of_the_page_are_those_of_the_house():
     rows = [row for row in table.split("\n\n")[0].splitlines() if "`" in row]
     floors = [{Path(name).stem for name in re.findall(r"`([\w/.]+)`", row)} for row in rows]
     assert floors == [set(floor) for floor in reversed(FLOORS)]
+
+
+@pytest.mark.parametrize(
+    ("page", "title", "words"),
+    [
+        ("navigation", "policy", set(POLICIES)),
+        ("navigation", "outcome", {end.name.lower().replace("_", " ") for end in Outcome} - {"running"}),
+        ("qp", "status", {status.name for status in Status}),
+        ("choosing", "mode", set(get_args(GradientMode))),
+        ("choosing", "preset", set(PRESETS)),
+    ],
+)
+def test_tables_of_choices_are_complete(page, title, words):
+    """The first column of a page's table against the library's own list."""
+    table = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8").split(f"\n| {title} |")[1].split("\n\n")[0]
+    column = [row.split("|")[1].strip(" `") for row in table.splitlines()[2:]]
+    assert {word.removesuffix(" (default)").strip("` ") for word in column} == words
 
 
 def test_the_readme_is_short():
