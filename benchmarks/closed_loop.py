@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from iwalker_jax.robot.model import ARM_POSITIONS, ARM_VELOCITIES
 from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
 configure_runtime(requested_devices(sys.argv))
@@ -54,7 +55,7 @@ from iwalker_jax.scenes.depth_noise import DepthNoise  # noqa: E402
 from iwalker_jax.scenes.ray_casting import render_depth  # noqa: E402
 from iwalker_jax.tasks.generated import generated_tasks  # noqa: E402
 from iwalker_jax.tasks.task import Task, TaskArrays, stack_tasks  # noqa: E402
-from iwalker_jax.walking.rollout import Conditions, decide, walk_tick  # noqa: E402
+from iwalker_jax.walking.rollout import Conditions, sense_and_control, walk_tick  # noqa: E402
 from iwalker_jax.walking.setup import Disturbances, sample_conditions  # noqa: E402
 
 REPEATS = 9
@@ -133,10 +134,10 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
         return plan_steps(nav.pursuit, istepper, way.path, way.look, stance)
 
     def think(c: Conditions, s: LoopState) -> Any:
-        def tick(mind: Any, _: None) -> tuple[Any, None]:
-            return decide(nav.walker, c, s.plan, mind, s.walk.physics.qpos, s.walk.physics.qvel)[0], None
+        def tick(memory: Any, _: None) -> tuple[Any, None]:
+            return sense_and_control(nav.walker, c, s.plan, memory, s.walk.physics.qpos, s.walk.physics.qvel)[0], None
 
-        return jax.lax.scan(tick, s.walk.mind, None, length=TICKS)[0]
+        return jax.lax.scan(tick, s.walk.memory, None, length=TICKS)[0]
 
     def walk(c: Conditions, s: LoopState) -> Any:
         return jax.lax.scan(lambda w, _: (walk_tick(nav.walker, c, s.plan, w)[0], None), s.walk, None, length=TICKS)[0]
@@ -194,8 +195,8 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
 
     def control(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
         terms = rigid_body_terms(navigator.walker.robot, qpos, qvel)
-        arms = qpos[17:], qvel[16:]
-        return control_step(controller, terms, arms, walk.mind.touching, plan, walk.mind.controller)[0]
+        arms = qpos[ARM_POSITIONS], qvel[ARM_VELOCITIES]
+        return control_step(controller, terms, arms, walk.memory.touching, plan, walk.memory.controller)[0]
 
     path = jnp.stack([jnp.linspace(0, 2, 100), jnp.zeros(100)], axis=1)
     zero = jnp.zeros(())

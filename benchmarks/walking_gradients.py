@@ -77,7 +77,7 @@ def main() -> int:
                     None,
                     length=ticks,
                 )
-                return weights @ end.physics.qpos, end.mind.controller.gait.time
+                return weights @ end.physics.qpos, end.memory.controller.gait.time
 
             return value
 

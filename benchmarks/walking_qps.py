@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from iwalker_jax.control.footstep_plan import make_plan, velocity_footsteps
 from iwalker_jax.optimization import QuadraticProgram
-from iwalker_jax.walking.rollout import Conditions, WalkState, decide, start_walk, walk_tick
+from iwalker_jax.walking.rollout import Conditions, WalkState, sense_and_control, start_walk, walk_tick
 from iwalker_jax.walking.setup import Disturbances, default_walker, sample_conditions
 
 _ROBOTS = 16
@@ -35,8 +35,10 @@ def log_programs(seed: int) -> QuadraticProgram:
 
     def walk(conditions: Conditions) -> QuadraticProgram:
         def tick(state: WalkState, _: None) -> tuple[WalkState, QuadraticProgram]:
-            decision = decide(walker, conditions, plan, state.mind, state.physics.qpos, state.physics.qvel)[1]
-            return walk_tick(walker, conditions, plan, state)[0], decision.info.program
+            output = sense_and_control(walker, conditions, plan, state.memory, state.physics.qpos, state.physics.qvel)[
+                1
+            ]
+            return walk_tick(walker, conditions, plan, state)[0], output.info.program
 
         def unlogged(_: int, state: WalkState) -> WalkState:
             return walk_tick(walker, conditions, plan, state)[0]

@@ -5,6 +5,7 @@ from math import isfinite
 from typing import Any
 from xml.etree import ElementTree
 
+from iwalker_jax.constants import TIME_STEP
 from iwalker_jax.errors import InputError
 
 
@@ -62,7 +63,7 @@ class MjcfOptions:
     """
 
     floor: bool = True
-    timestep: float = 0.002
+    timestep: float = TIME_STEP
     contact: ContactParameters = ContactParameters()
     worldbody_xml: str = ""
     asset_xml: str = ""

@@ -8,24 +8,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from iwalker_jax.constants import GRAVITY, TIME_STEP
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait import advance_gait, initial_gait
 from iwalker_jax.control.gait_state import GaitReference, GaitState, Posture
 from iwalker_jax.control.parameters import GaitParameters, WholeBodyParameters
 from iwalker_jax.control.stepping import SteppingGains, stepping_gains
-from iwalker_jax.control.tasks import Task, angular_momentum_task, com_task, foot_task, stack, torso_task
+from iwalker_jax.control.tasks import WholeBodyTask, angular_momentum_task, com_task, foot_task, stack, torso_task
 from iwalker_jax.control.whole_body import (
     CONTACT_FEET,
     FRICTION_ROWS,
-    GRAVITY,
     Actuation,
+    Dynamics,
     motor_torques,
     reduced_dynamics,
     whole_body_program,
 )
 from iwalker_jax.geometry.sides import Side
 from iwalker_jax.optimization import QpPoint, QpSettings, QuadraticProgram, Solution, control_settings, solve_qp
-from iwalker_jax.robot.model import LEG_JOINTS, RobotModel
+from iwalker_jax.robot.model import ARM_POSITIONS, LEG_COUNT, RobotModel
 from iwalker_jax.robot.rigid_body import RigidBodyTerms
 
 
@@ -43,7 +44,7 @@ class Controller:
 
     gains: SteppingGains
     actuation: Actuation
-    time_step: float = field(metadata={"static": True}, default=0.002)
+    time_step: float = field(metadata={"static": True}, default=TIME_STEP)
     gait: GaitParameters = field(metadata={"static": True}, default=GaitParameters())
     tasks: WholeBodyParameters = field(metadata={"static": True}, default=WholeBodyParameters())
     solver: QpSettings = field(metadata={"static": True}, default=control_settings())
@@ -87,7 +88,7 @@ def posture_of(terms: RigidBodyTerms, touching: Float[Array, "2"]) -> Posture:
 def initial_controller(controller: Controller, terms: RigidBodyTerms) -> ControllerState:
     """Memory of a robot that stands on both feet."""
     dtype = terms.com.dtype
-    legs, contacts = 2 * len(LEG_JOINTS), len(CONTACT_FEET)
+    legs, contacts = LEG_COUNT, len(CONTACT_FEET)
     share = jnp.asarray([0.0, 0.0, 1.0], dtype) * terms.mass * GRAVITY / contacts
     rows = jnp.zeros(FRICTION_ROWS * contacts + legs, dtype)
     warm = QpPoint(
@@ -131,18 +132,51 @@ def control_step(
         plan,
         state.gait,
     )
-    tasks = whole_body_tasks(controller, terms, reference)
-    carrying = reference.stance[jnp.asarray(CONTACT_FEET)]
     arm_acceleration = p.arm_kp * (controller.actuation.arm_pose - arms[0]) - p.arm_kd * arms[1]
-    dynamics = reduced_dynamics(terms, carrying, arm_acceleration)
-    program = whole_body_program(p, controller.actuation, dynamics, tasks, carrying, terms.mass)
-    solution = solve_qp(program, state.warm, controller.solver)
+    dynamics, program, solution = solve_whole_body(controller, terms, reference, arm_acceleration, state.warm)
     torques = motor_torques(controller.actuation, dynamics, solution.value.x)
     forces = solution.value.x[-3 * len(CONTACT_FEET) :].reshape(-1, 3)
     return torques, ControllerState(gait_state, solution.value), ControlInfo(reference, program, solution, forces)
 
 
-def whole_body_tasks(controller: Controller, terms: RigidBodyTerms, reference: GaitReference) -> Task:
+class WholeBodySolution(NamedTuple):
+    """The whole-body QP at an instant.
+
+    Attributes:
+        dynamics: accelerations and torques as functions of the program's unknowns.
+        program: the quadratic program.
+        solution: its solution.
+    """
+
+    dynamics: Dynamics
+    program: QuadraticProgram
+    solution: Solution
+
+
+def solve_whole_body(
+    controller: Controller,
+    terms: RigidBodyTerms,
+    reference: GaitReference,
+    arm_acceleration: Float[Array, " na"],
+    start: QpPoint | None = None,
+) -> WholeBodySolution:
+    """Set up the whole-body QP for what the robot shall do, and solve it.
+
+    Args:
+        controller: the constants.
+        terms: rigid-body quantities of the robot.
+        reference: what feet, COM and torso shall do.
+        arm_acceleration: (na,) [rad/s^2] prescribed.
+        start: guess of the solution.
+    """
+    tasks = whole_body_tasks(controller, terms, reference)
+    carrying = reference.stance[jnp.asarray(CONTACT_FEET)]
+    dynamics = reduced_dynamics(terms, carrying, arm_acceleration)
+    program = whole_body_program(controller.tasks, controller.actuation, dynamics, tasks, carrying, terms.mass)
+    return WholeBodySolution(dynamics, program, solve_qp(program, start, controller.solver))
+
+
+def whole_body_tasks(controller: Controller, terms: RigidBodyTerms, reference: GaitReference) -> WholeBodyTask:
     """The tasks of one tick, stacked."""
     p = controller.tasks
     return stack(
@@ -164,12 +198,11 @@ def make_controller(
     """A controller for a robot, ticking at the physics' time step; computes the stepping gains on the host."""
     gait = gait or GaitParameters()
     moments = np.asarray(robot.motor_moments, np.float64)[:, 6:]
-    legs = 2 * len(LEG_JOINTS)
     dtype = robot.home.dtype
     actuation = Actuation(
         motors_from_torques=jnp.asarray(np.linalg.inv(moments.T), dtype),
         limits=jnp.min(jnp.abs(robot.motor_limits), axis=1),
-        arm_pose=robot.home[7 + legs :],
+        arm_pose=robot.home[ARM_POSITIONS],
     )
     return Controller(
         stepping_gains(gait, dtype),

@@ -1,11 +1,15 @@
-"""What the step clock remembers, needs to know and asks for."""
+"""What the step clock remembers, needs to know and asks for, and the footsteps that are due next."""
 
 from enum import IntEnum
 from typing import NamedTuple
 
-from jaxtyping import Array, Float, Int
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
 
-from iwalker_jax.control.swing import Motion
+from iwalker_jax.control.footstep_plan import FootstepPlan
+from iwalker_jax.control.swing import TrajectoryPoint
+from iwalker_jax.geometry.rotations import angle_between
+from iwalker_jax.geometry.sides import Side, other_side, side_of_step
 
 
 class GaitMode(IntEnum):
@@ -46,7 +50,7 @@ class GaitState(NamedTuple):
     late: Float[Array, ""]
     stance: Int[Array, ""]
     step: Int[Array, ""]
-    swing: Motion
+    swing: TrajectoryPoint
     lift_off: Float[Array, "2"]
     target: Float[Array, "3"]
     heading: Float[Array, ""]
@@ -72,7 +76,7 @@ class Posture(NamedTuple):
     com_velocity: Float[Array, "3"]
     feet: Float[Array, "2 3"]
     foot_yaws: Float[Array, "2"]
-    touching: Float[Array, "2"]
+    touching: Bool[Array, "2"]
 
 
 class GaitReference(NamedTuple):
@@ -88,8 +92,35 @@ class GaitReference(NamedTuple):
     """
 
     stance: Float[Array, "2"]
-    foot: Motion
-    foot_yaw: Motion
+    foot: TrajectoryPoint
+    foot_yaw: TrajectoryPoint
     com_acceleration: Float[Array, "2"]
     com_height: Float[Array, ""]
-    heading: Motion
+    heading: TrajectoryPoint
+
+
+def foot_poses(posture: Posture) -> Float[Array, "2 3"]:
+    """x, y [m] and yaw [rad] of both feet."""
+    return jnp.concatenate([posture.feet[:, :2], posture.foot_yaws[:, None]], axis=1)
+
+
+def mean_yaw(yaws: Float[Array, "2"]) -> Float[Array, ""]:
+    """Direction [rad] midway between those of both feet."""
+    return yaws[Side.RIGHT] + angle_between(yaws[Side.LEFT], yaws[Side.RIGHT]) / 2
+
+
+def planned_footsteps(
+    plan: FootstepPlan, state: GaitState, count: int
+) -> tuple[Float[Array, "n 2"], Float[Array, " n"], Bool[Array, " n"]]:
+    """The next footsteps: positions (n, 2) [m], yaws (n,) [rad] and whether each is still in the plan (n,).
+
+    Beyond its end the plan repeats its last step of either foot; without a plan the feet keep their places.
+    """
+    ahead = state.step + jnp.arange(count)
+    foot = side_of_step(other_side(state.stance), jnp.arange(count))
+    last = plan.count - 1
+    last = last - (side_of_step(plan.first_swing, last) != foot)
+    row = jnp.clip(jnp.where(ahead < plan.count, ahead, last), 0, plan.yaws.shape[0] - 1)
+    planned = plan.count > 0
+    positions = jnp.where(planned, plan.positions[row] + state.offset, state.home[foot, :2])
+    return positions, jnp.where(planned, plan.yaws[row], state.home[foot, 2]), ahead < plan.count

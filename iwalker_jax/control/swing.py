@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 _SHORTEST = 0.01  # s; the last stretch is followed as if this much time were left, which bounds the acceleration
 
 
-class Motion(NamedTuple):
+class TrajectoryPoint(NamedTuple):
     """Position, velocity and acceleration of one or several coordinates."""
 
     position: Float[Array, "*n"]
@@ -17,8 +17,8 @@ class Motion(NamedTuple):
 
 
 def advance_towards(
-    motion: Motion, target: Float[Array, "*n"], remaining: Float[Array, ""], time_step: float
-) -> Motion:
+    motion: TrajectoryPoint, target: Float[Array, "*n"], remaining: Float[Array, ""], time_step: float
+) -> TrajectoryPoint:
     """One tick along the quintic that reaches `target` at rest after `remaining` [s].
 
     Solving from the present reference state at each tick lets the target move at will; while it rests, the ticks stay
@@ -34,7 +34,7 @@ def advance_towards(
     position = motion.position + s * (speed + s * (bend / 2 + s * (c3 + s * (c4 + s * c5))))
     velocity = speed + s * (bend + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
     acceleration = bend + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))
-    return Motion(position, velocity / span, acceleration / span**2)
+    return TrajectoryPoint(position, velocity / span, acceleration / span**2)
 
 
 def rise_and_fall(
@@ -44,7 +44,7 @@ def rise_and_fall(
     height: float,
     landing_speed: float,
     step_time: float,
-) -> Motion:
+) -> TrajectoryPoint:
     """Vertical motion of the swing foot: `start` at phase 0, `height` at 1/2, 0 with `landing_speed` downward at 1.
 
     Two quintics that agree in all derivatives up to the second at the apex.
@@ -73,4 +73,4 @@ def rise_and_fall(
     position = first + s**2 * (first_bend / 2 + s * (c3 + s * (c4 + s * c5)))
     velocity = s * (first_bend + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
     acceleration = first_bend + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))
-    return Motion(position, velocity * rate, acceleration * rate**2)
+    return TrajectoryPoint(position, velocity * rate, acceleration * rate**2)

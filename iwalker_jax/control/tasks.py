@@ -9,13 +9,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from iwalker_jax.control.parameters import WholeBodyParameters
-from iwalker_jax.control.swing import Motion
+from iwalker_jax.control.swing import TrajectoryPoint
 from iwalker_jax.geometry.rotations import angle_between
 from iwalker_jax.geometry.sides import Side
 from iwalker_jax.robot.rigid_body import RigidBodyTerms
 
 
-class Task(NamedTuple):
+class WholeBodyTask(NamedTuple):
     """Rows of a weighted least-squares problem in the generalised accelerations.
 
     Attributes:
@@ -29,9 +29,9 @@ class Task(NamedTuple):
     weight: Float[Array, " k"]
 
 
-def stack(tasks: list[Task]) -> Task:
+def stack(tasks: list[WholeBodyTask]) -> WholeBodyTask:
     """All tasks as one."""
-    return Task(*(jnp.concatenate(parts) for parts in zip(*tasks, strict=True)))
+    return WholeBodyTask(*(jnp.concatenate(parts) for parts in zip(*tasks, strict=True)))
 
 
 def foot_task(
@@ -39,9 +39,9 @@ def foot_task(
     terms: RigidBodyTerms,
     foot: Side,
     stance: Float[Array, ""],
-    motion: Motion,
-    yaw: Motion,
-) -> Task:
+    motion: TrajectoryPoint,
+    yaw: TrajectoryPoint,
+) -> WholeBodyTask:
     """Position of a foot's middle, its pitch and its yaw: damped where it stands, tracked where it swings.
 
     Roll is left free because the ankle has none. Pitch is the angular motion about the foot's horizontal lateral axis.
@@ -78,10 +78,10 @@ def foot_task(
     # Two points 42 mm either side of the middle held with the weight of the middle give the angular share.
     stance_weight = jnp.asarray([p.stance] * 3 + [p.stance_angular] * 2, rows.dtype)
     target = jnp.where(stance > 0, standing, swing) - bias
-    return Task(rows, target, jnp.where(stance > 0, stance_weight, swing_weight))
+    return WholeBodyTask(rows, target, jnp.where(stance > 0, stance_weight, swing_weight))
 
 
-def torso_task(parameters: WholeBodyParameters, terms: RigidBodyTerms, heading: Motion) -> Task:
+def torso_task(parameters: WholeBodyParameters, terms: RigidBodyTerms, heading: TrajectoryPoint) -> WholeBodyTask:
     """Torso upright and facing along the heading [rad]; angular acceleration, world axes."""
     p = parameters
     cos, sin = jnp.cos(heading.position), jnp.sin(heading.position)
@@ -93,21 +93,21 @@ def torso_task(parameters: WholeBodyParameters, terms: RigidBodyTerms, heading: 
     kp = jnp.asarray([p.torso_tilt_kp, p.torso_tilt_kp, p.torso_yaw_kp], dtype)
     kd = jnp.asarray([p.torso_tilt_kd, p.torso_tilt_kd, p.torso_yaw_kd], dtype)
     target = kp * error + kd * (rate - terms.torso_angular_velocity) - terms.torso_bias
-    return Task(terms.torso_jacobian, target, jnp.asarray([p.torso_tilt, p.torso_tilt, p.torso_yaw], dtype))
+    return WholeBodyTask(terms.torso_jacobian, target, jnp.asarray([p.torso_tilt, p.torso_tilt, p.torso_yaw], dtype))
 
 
 def com_task(
     parameters: WholeBodyParameters, terms: RigidBodyTerms, acceleration: Float[Array, "2"], height: Float[Array, ""]
-) -> Task:
+) -> WholeBodyTask:
     """COM follows the pendulum's horizontal acceleration [m/s^2] at a height [m]: linear momentum over mass."""
     p = parameters
     rise = p.com_height_kp * (height - terms.com[2]) - p.com_height_kd * terms.com_velocity[2]
     weight = jnp.asarray([p.com_horizontal, p.com_horizontal, p.com_height], rise.dtype)
-    return Task(terms.com_jacobian, jnp.append(acceleration, rise) - terms.com_bias_acceleration, weight)
+    return WholeBodyTask(terms.com_jacobian, jnp.append(acceleration, rise) - terms.com_bias_acceleration, weight)
 
 
-def angular_momentum_task(parameters: WholeBodyParameters, terms: RigidBodyTerms) -> Task:
+def angular_momentum_task(parameters: WholeBodyParameters, terms: RigidBodyTerms) -> WholeBodyTask:
     """Centroidal angular momentum towards zero."""
     target = -parameters.angular_momentum_kd * terms.angular_momentum - terms.angular_momentum_bias
     weight = jnp.full(3, parameters.angular_momentum, target.dtype)
-    return Task(terms.angular_momentum_jacobian, target, weight)
+    return WholeBodyTask(terms.angular_momentum_jacobian, target, weight)

@@ -12,8 +12,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from iwalker_jax.constants import GRAVITY
 from iwalker_jax.control.parameters import WholeBodyParameters
-from iwalker_jax.control.tasks import Task
+from iwalker_jax.control.tasks import WholeBodyTask
 from iwalker_jax.geometry.sides import Side
 from iwalker_jax.optimization import QuadraticProgram
 from iwalker_jax.robot.rigid_body import RigidBodyTerms
@@ -21,7 +22,7 @@ from iwalker_jax.robot.rigid_body import RigidBodyTerms
 CONTACT_FEET = (Side.RIGHT, Side.RIGHT, Side.LEFT, Side.LEFT)
 """The foot of each contact point."""
 FRICTION_ROWS = 5
-GRAVITY = 9.81
+"""Of a contact point: four sides of the pyramid and the vertical force."""
 
 
 @jax.tree_util.register_dataclass
@@ -102,7 +103,7 @@ def whole_body_program(
     parameters: WholeBodyParameters,
     actuation: Actuation,
     dynamics: Dynamics,
-    tasks: Task,
+    tasks: WholeBodyTask,
     carrying: Float[Array, " c"],
     mass: Float[Array, ""],
 ) -> QuadraticProgram:

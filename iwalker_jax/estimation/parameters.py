@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 import jax
 
 from iwalker_jax.checks import Scalar
+from iwalker_jax.constants import GRAVITY, TIME_STEP
 from iwalker_jax.errors import InputError
 
 
@@ -45,8 +46,8 @@ class EstimatorParameters:
         joint_velocity_range: [rad/s] likewise.
     """
 
-    control_period: Scalar = 0.002
-    gravity: Scalar = 9.81
+    control_period: Scalar = TIME_STEP
+    gravity: Scalar = GRAVITY
     tilt_rate: Scalar = 0.1
     tilt_gate: Scalar = 3.0
     gyro_bias_gain: Scalar = 0.02

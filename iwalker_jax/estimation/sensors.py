@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
+from iwalker_jax.constants import GRAVITY, TIME_STEP
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation.readings import Readings
 from iwalker_jax.geometry.planar import turn
@@ -41,7 +42,7 @@ class SensorNoise:
         image_dropout: chance that an image gives no pose.
     """
 
-    control_period: float = 0.002
+    control_period: float = TIME_STEP
     accelerometer_std: float = 0.05
     accelerometer_bias: float = 0.05
     gyro_std: float = 0.01
@@ -156,7 +157,7 @@ def initial_sensors(noise: SensorNoise, key: Key[Array, ""], qpos: Float[Array, 
 
 
 def specific_force(
-    qpos: Float[Array, " positions"], base_acceleration: Float[Array, "3"], gravity: float = 9.81
+    qpos: Float[Array, " positions"], base_acceleration: Float[Array, "3"], gravity: float = GRAVITY
 ) -> Float[Array, "3"]:
     """Specific force at the base origin in the base frame [m/s^2], from qpos and qacc[:3] (world axes)."""
     lifted = base_acceleration + jnp.asarray([0, 0, 1], qpos.dtype) * gravity

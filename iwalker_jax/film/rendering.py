@@ -14,10 +14,8 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.film.headless import NO_RENDERING, missing_backend
 from iwalker_jax.film.markers import add_footsteps, add_forces, add_shadow
 from iwalker_jax.film.recorded_motion import check_motion, resample_motion, smooth_track
+from iwalker_jax.robot.model import CONTACT_POINTS
 from iwalker_jax.walking.record import TimedFootsteps
-
-CONTACT_SITES = ("toe_r", "heel_r", "toe_l", "heel_l")
-"""Sites at which contact forces are drawn."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class Overlays(NamedTuple):
 
     Attributes:
         footsteps: planned footsteps, on the floor.
-        forces: (N, 4, 3) [N] contact forces at `CONTACT_SITES`, world frame.
+        forces: (N, 4, 3) [N] contact forces at `CONTACT_POINTS`, world frame.
         pushes: (N, 3) [N] force on the base, world frame.
         caption: line of text under the clock.
     """
@@ -121,11 +119,11 @@ def set_configuration(model: mujoco.MjModel, data: mujoco.MjData, qpos: Float[np
 
 def check_overlays(model: mujoco.MjModel, overlays: Overlays, instants: int) -> None:
     """Raise InputError unless the overlays fit the motion's instants and the model has the sites they need."""
-    for name, wanted in (("forces", (instants, len(CONTACT_SITES), 3)), ("pushes", (instants, 3))):
+    for name, wanted in (("forces", (instants, len(CONTACT_POINTS), 3)), ("pushes", (instants, 3))):
         given = getattr(overlays, name)
         if given is not None and np.shape(given) != wanted:
             raise InputError(f"The overlay's {name} have shape {np.shape(given)}; this motion needs {wanted}.")
-    missing = [name for name in CONTACT_SITES if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name) < 0]
+    missing = [name for name in CONTACT_POINTS if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name) < 0]
     if overlays.forces is not None and missing:
         raise InputError(f"The model has no site {missing[0]!r} to draw a contact force at; leave the forces out.")
 
@@ -135,7 +133,7 @@ def draw_overlays(scene: mujoco.MjvScene, data: mujoco.MjData, overlays: Overlay
     if overlays.footsteps is not None:
         add_footsteps(scene, overlays.footsteps, now)
     if overlays.forces is not None:
-        add_forces(scene, np.stack([data.site(name).xpos for name in CONTACT_SITES]), overlays.forces[row])
+        add_forces(scene, np.stack([data.site(name).xpos for name in CONTACT_POINTS]), overlays.forces[row])
     if overlays.pushes is not None:
         add_forces(scene, data.xipos[1:2], overlays.pushes[row : row + 1], push=True)
 

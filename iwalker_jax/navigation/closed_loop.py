@@ -194,7 +194,7 @@ def camera_frame(
     look = partial(_walk_on, navigator, scene, conditions, wish)
     state, (samples, clearances) = jax.lax.scan(look, state, None, length=navigator.loop.looks)
 
-    stands = state.walk.mind.controller.gait.mode == GaitMode.STAND
+    stands = state.walk.memory.controller.gait.mode == GaitMode.STAND
     outcome = state.outcome
     for ended, meaning in (
         (time >= task.time_limit, Outcome.TIMED_OUT),
@@ -233,7 +233,7 @@ def _planner(navigator: Navigator) -> Planner:
 
 
 def _believed_state(navigator: Navigator, walk: WalkState) -> tuple[Array, Array]:
-    sensing = walk.mind.sensing
+    sensing = walk.memory.sensing
     if navigator.walker.noise is None or sensing is None:
         return walk.physics.qpos, walk.physics.qvel
     return estimated_qpos_qvel(sensing.estimate)
@@ -279,13 +279,13 @@ def _walk_on(
 
 def _with_footsteps(navigator: Navigator, wish: Wish, state: LoopState) -> LoopState:
     """The state with new footsteps, if a step has begun or a standing robot is to go."""
-    gait = state.walk.mind.controller.gait
+    gait = state.walk.memory.controller.gait
     stands = gait.mode == GaitMode.STAND
     # A new plan begins with the step under way; a robot without one may be stepping to catch itself.
     begun = (gait.mode == GaitMode.WALK) & ((gait.step > 0) | (state.plan.count == 0)) & ~state.stopping
     go = stands & ~wish.stop
     terms = rigid_body_terms(navigator.walker.robot, *_believed_state(navigator, state.walk))
-    posture = posture_of(terms, state.walk.mind.touching)
+    posture = posture_of(terms, state.walk.memory.touching)
     stance = Stance(
         com=posture.com[:2],
         com_velocity=posture.com_velocity[:2],
@@ -309,12 +309,12 @@ def _with_footsteps(navigator: Navigator, wish: Wish, state: LoopState) -> LoopS
         step=jnp.where(new, 0, gait.step),
         offset=jnp.where(new, 0.0, gait.offset),
     )
-    mind = state.walk.mind
-    mind = mind._replace(controller=mind.controller._replace(gait=gait))
+    memory = state.walk.memory
+    memory = memory._replace(controller=memory.controller._replace(gait=gait))
     return state._replace(
         plan=plan,
         stopping=jnp.where(new, ends, state.stopping & ~stands),
-        walk=state.walk._replace(mind=mind),
+        walk=state.walk._replace(memory=memory),
     )
 
 

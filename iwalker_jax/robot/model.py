@@ -30,6 +30,12 @@ from iwalker_jax.robot.support import check_supported
 
 LEG_JOINTS = ("hip_yaw", "hip_pitch", "hip_roll", "knee_pitch", "ankle_pitch")
 """Joints of a leg, hip first; the right leg's carry the ending _r, the left's _l."""
+LEG_COUNT = 2 * len(LEG_JOINTS)
+"""Joints, and motors, of both legs."""
+LEG_POSITIONS, ARM_POSITIONS = slice(7, 7 + LEG_COUNT), slice(7 + LEG_COUNT, None)
+"""Of the positions qpos: the legs' joints, and all others."""
+LEG_VELOCITIES, ARM_VELOCITIES = slice(6, 6 + LEG_COUNT), slice(6 + LEG_COUNT, None)
+"""Of the velocities qvel likewise."""
 CONTACT_POINTS = ("toe_r", "heel_r", "toe_l", "heel_l")
 """Sites where the feet touch the floor, and the geoms that do it."""
 FEET = ("midfoot_r", "midfoot_l")
@@ -184,6 +190,7 @@ def _check_motors(model: mujoco.MjModel, moments: Float[np.ndarray, "nu nv"]) ->
         raise InputError(
             f"The robot's {model.nu} motors do not drive its {joints} joints one to one; add a motor each."
         )
-    legs = 2 * len(LEG_JOINTS)
-    if np.any(moments[:legs, 6 + legs :]) or np.any(moments[legs:, 6 : 6 + legs]):
-        raise InputError(f"The first {legs} motors must drive the legs and the others the rest; reorder <actuator>.")
+    if np.any(moments[:LEG_COUNT, ARM_VELOCITIES]) or np.any(moments[LEG_COUNT:, LEG_VELOCITIES]):
+        raise InputError(
+            f"The first {LEG_COUNT} motors must drive the legs and the others the rest; reorder <actuator>."
+        )

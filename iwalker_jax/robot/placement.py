@@ -12,15 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from iwalker_jax.robot.model import LEG_JOINTS, RobotModel
+from iwalker_jax.robot.model import LEG_COUNT, LEG_POSITIONS, LEG_VELOCITIES, RobotModel
 from iwalker_jax.robot.rigid_body import RigidBodyTerms, rigid_body_terms
 
 _ITERATIONS = 8
 _LONGEST = 0.3  # m or rad; a longer Newton step is shortened to this
 _TOLERANCE = 1e-4  # m or rad
-_LEGS = 2 * len(LEG_JOINTS)
-_VELOCITIES = np.r_[0:3, 6 : 6 + _LEGS].astype(np.int32)
-_POSITIONS = np.r_[0:3, 7 : 7 + _LEGS].astype(np.int32)
+_VELOCITIES = np.r_[0:3, LEG_VELOCITIES].astype(np.int32)
+_POSITIONS = np.r_[0:3, LEG_POSITIONS].astype(np.int32)
 
 
 class Placement(NamedTuple):
@@ -62,8 +61,8 @@ def place_robot(
     eye, nothing = jnp.eye(_POSITIONS.size, dtype=com.dtype), jnp.zeros(_POSITIONS.size, com.dtype)
     start = home.at[:2].set(wanted[0][:2])
     found, rows, missing = jax.lax.fori_loop(0, _ITERATIONS + 1, improve, (start, eye, nothing))
-    low, high = robot.model.jnt_range[1 : 1 + _LEGS].astype(com.dtype).T
-    legs = found[7 : 7 + _LEGS]
+    low, high = robot.model.jnt_range[1 : 1 + LEG_COUNT].astype(com.dtype).T
+    legs = found[LEG_POSITIONS]
     # Comparisons with NaN are false.
     converged = (jnp.max(jnp.abs(missing)) < _TOLERANCE) & jnp.all((legs > low) & (legs < high))
 

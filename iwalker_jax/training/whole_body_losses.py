@@ -14,15 +14,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from bruce_model import load_mujoco
-from iwalker_jax.control.controller import Controller, make_controller, whole_body_tasks
+from iwalker_jax.constants import GRAVITY
+from iwalker_jax.control.controller import Controller, make_controller, solve_whole_body
 from iwalker_jax.control.gait_state import GaitReference
 from iwalker_jax.control.stepping import choose_step
-from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
-from iwalker_jax.control.whole_body import CONTACT_FEET, GRAVITY, reduced_dynamics, whole_body_program
+from iwalker_jax.control.swing import TrajectoryPoint, advance_towards, rise_and_fall
 from iwalker_jax.geometry.sides import Side, other_side
-from iwalker_jax.optimization import pendulum_flow, solve_qp
+from iwalker_jax.optimization import pendulum_flow
 from iwalker_jax.planning.robot_state import RobotState
-from iwalker_jax.robot.model import LEG_JOINTS, RobotModel, load_robot
+from iwalker_jax.robot.model import LEG_COUNT, RobotModel, load_robot
 from iwalker_jax.robot.placement import place_robot
 from iwalker_jax.robot.rigid_body import rigid_body_terms
 
@@ -165,7 +165,7 @@ def swing_instants(
 def solve_instant(controlled: ControlledRobot, instant: SwingInstant) -> InstantSolution:
     """Put the robot into an instant and solve the whole-body QP there."""
     robot, controller = controlled.robot, controlled.controller
-    gait, p = controller.gait, controller.tasks
+    gait = controller.gait
     dtype = instant.com.dtype
     rate = controller.gains.rate.astype(dtype)
     swing = _swing(controller, instant)
@@ -181,14 +181,10 @@ def solve_instant(controlled: ControlledRobot, instant: SwingInstant) -> Instant
     )
     terms = rigid_body_terms(robot, state.qpos, state.qvel)
     stance = jax.nn.one_hot(instant.stance, 2, dtype=dtype)
-    still = Motion(zero, zero, zero)
+    still = TrajectoryPoint(zero, zero, zero)
     reference = GaitReference(stance, swing, still, rate**2 * instant.com, height, still)
-    tasks = whole_body_tasks(controller, terms, reference)
-    carrying = stance[jnp.asarray(CONTACT_FEET)]
     arms = jnp.zeros_like(controller.actuation.arm_pose, dtype)
-    dynamics = reduced_dynamics(terms, carrying, arms)
-    program = whole_body_program(p, controller.actuation, dynamics, tasks, carrying, terms.mass)
-    solution = solve_qp(program, None, controller.solver, "implicit")
+    dynamics, _, solution = solve_whole_body(controller, terms, reference, arms)
 
     x = solution.value.x
     acceleration = dynamics.acceleration @ x + dynamics.acceleration_offset
@@ -197,9 +193,8 @@ def solve_instant(controlled: ControlledRobot, instant: SwingInstant) -> Instant
     foot = other_side(instant.stance)
     moved = terms.foot_jacobians[foot, :3] @ acceleration + terms.foot_bias_accelerations[foot, :3]
     com = terms.com_jacobian @ acceleration + terms.com_bias_acceleration
-    legs = 2 * len(LEG_JOINTS)
     return InstantSolution(
-        torque_shares=(motors / controller.actuation.limits)[:legs],
+        torque_shares=(motors / controller.actuation.limits)[:LEG_COUNT],
         swing_shortfall=swing.acceleration - moved,
         com_shortfall=jnp.append(reference.com_acceleration, 0.0) - com,
         converged=state.converged & solution.gradient_valid,
@@ -229,13 +224,13 @@ def footstep_correction(
     return choice.footstep - places[0]
 
 
-def _swing(controller: Controller, instant: SwingInstant) -> Motion:
+def _swing(controller: Controller, instant: SwingInstant) -> TrajectoryPoint:
     """Motion (3,) of the swing foot."""
     gait = controller.gait
     time = gait.hlip.single_support_time
     nothing = jnp.zeros_like(instant.com)
     level = advance_towards(
-        Motion(instant.lift_off, nothing, nothing),
+        TrajectoryPoint(instant.lift_off, nothing, nothing),
         instant.footstep,
         jnp.asarray(time, nothing.dtype),
         instant.phase * time,  # type: ignore[arg-type]

@@ -135,8 +135,8 @@ class WalkProgram:
                         own = jax.device_put(
                             _take((group.conditions, group.plan, start), int(k)), jax.local_devices()[0]
                         )
-                        met, steps, before = own
-                        broken[row] = BrokenRow(row, met, steps, before, self.samples * self.every)
+                        robot, steps, before = own
+                        broken[row] = BrokenRow(row, robot, steps, before, self.samples * self.every)
             record = jax.tree.map(lambda *parts: np.concatenate(parts)[:robots], *pieces)
             records.append(record)
             done = sum(r.time.shape[1] for r in records)

@@ -1,4 +1,4 @@
-"""The same walk on C MuJoCo: the JAX mind of `walking` decides for a few robots at once, the C engine moves each."""
+"""The same walk on C MuJoCo: sensing and control of `rollout` for a few robots at once in JAX, physics of each in C."""
 
 from typing import Any, NamedTuple
 
@@ -14,25 +14,25 @@ from iwalker_jax.robot.rigid_body import rigid_body_terms
 from iwalker_jax.robot.variation import vary_mujoco
 from iwalker_jax.walking.rollout import (
     Conditions,
-    Mind,
+    ControllerMemory,
     Sample,
     Walker,
-    decide,
-    felt,
+    after_physics,
     has_fallen,
     make_sample,
     push_at,
-    start_mind,
+    sense_and_control,
+    start_memory,
 )
 
 
 def roll_out_mujoco(
     walker: Walker, model: mujoco.MjModel, conditions: Conditions, plan: FootstepPlan, samples: int, every: int = 10
 ) -> Sample:
-    """Walk a batch of robots in C MuJoCo; the record is that of `walking.roll_out`, batch first.
+    """Walk a batch of robots in C MuJoCo; the record is that of `rollout.roll_out`, batch first.
 
     Args:
-        walker: the robot and its mind.
+        walker: the robot with its controller.
         model: the same robot as a C model.
         conditions: with a leading batch axis.
         plan: of all robots, or with a leading batch axis.
@@ -40,14 +40,14 @@ def roll_out_mujoco(
     """
     count = conditions.friction.shape[0]
     robots = [_Robot(model, jax.tree.map(lambda leaf, k=k: leaf[k], conditions)) for k in range(count)]
-    mind = _start_minds(walker, conditions)
+    memory = _start_memories(walker, conditions)
     records: list[Any] = []
     for tick in range(samples * every):
-        felt_now = jax.tree.map(lambda *parts: np.stack(parts), *(robot.feel() for robot in robots))
-        mind, action, sample = _think_all(walker, conditions, plan, mind, felt_now)
-        torques, pushes, lying = (np.asarray(part) for part in action)
-        for robot, torque, push, lies in zip(robots, torques, pushes, lying, strict=True):
-            robot.move(torque, push, bool(lies))
+        before = jax.tree.map(lambda *parts: np.stack(parts), *(robot.read() for robot in robots))
+        memory, action, sample = _tick_all(walker, conditions, plan, memory, before)
+        torques, pushes, fallen = (np.asarray(part) for part in action)
+        for robot, torque, push, down in zip(robots, torques, pushes, fallen, strict=True):
+            robot.step(torque, push, bool(down))
         if tick % every == 0:
             records.append(jax.tree.map(np.array, sample))
         else:
@@ -58,7 +58,7 @@ def roll_out_mujoco(
     return jax.tree.map(lambda *parts: np.stack(parts, axis=1), *records)
 
 
-class _Feeling(NamedTuple):
+class _EngineState(NamedTuple):
     """What the engine says of one robot before a tick; arrays of its float type."""
 
     time: Any
@@ -69,32 +69,32 @@ class _Feeling(NamedTuple):
     fallen: Any
 
 
-def _think(
-    walker: Walker, conditions: Conditions, plan: FootstepPlan, mind: Mind, feeling: _Feeling
-) -> tuple[Mind, tuple[Array, Array, Array], Sample]:
+def _tick(
+    walker: Walker, conditions: Conditions, plan: FootstepPlan, memory: ControllerMemory, engine: _EngineState
+) -> tuple[ControllerMemory, tuple[Array, Array, Array], Sample]:
     """One robot's tick but for the physics: memory, (torques, push, fallen) and record."""
-    pressed = jnp.any(feeling.forces != 0, axis=1)
-    mind = felt(mind, pressed, feeling.specific_force)
-    truth = rigid_body_terms(walker.robot, feeling.qpos, feeling.qvel)
-    after, decision = decide(walker, conditions, plan, mind, feeling.qpos, feeling.qvel, truth)
-    lies = feeling.fallen | has_fallen(walker, feeling.qpos, feeling.qvel)
-    after = jax.tree.map(lambda new, old: jnp.where(lies, old, new), after, mind)
-    sample = make_sample(feeling.time, feeling.qpos, truth, after, decision, feeling.forces, lies)
-    return after, (decision.torques, push_at(conditions, feeling.time), lies), sample
+    pressed = jnp.any(engine.forces != 0, axis=1)
+    memory = after_physics(memory, pressed, engine.specific_force)
+    truth = rigid_body_terms(walker.robot, engine.qpos, engine.qvel)
+    after, output = sense_and_control(walker, conditions, plan, memory, engine.qpos, engine.qvel, truth)
+    fallen = engine.fallen | has_fallen(walker, engine.qpos, engine.qvel)
+    after = jax.tree.map(lambda new, old: jnp.where(fallen, old, new), after, memory)
+    sample = make_sample(engine.time, engine.qpos, truth, after, output, engine.forces, fallen)
+    return after, (output.torques, push_at(conditions, engine.time), fallen), sample
 
 
 @jax.jit
-def _think_all(
-    walker: Walker, conditions: Conditions, plan: FootstepPlan, minds: Mind, feelings: _Feeling
-) -> tuple[Mind, tuple[Array, Array, Array], Sample]:
+def _tick_all(
+    walker: Walker, conditions: Conditions, plan: FootstepPlan, memories: ControllerMemory, engines: _EngineState
+) -> tuple[ControllerMemory, tuple[Array, Array, Array], Sample]:
     """All robots' ticks; compiled once for each number of robots and of the plan's rows."""
     plan_axis = 0 if plan.yaws.ndim == 2 else None
-    return jax.vmap(_think, in_axes=(None, 0, plan_axis, 0, 0))(walker, conditions, plan, minds, feelings)
+    return jax.vmap(_tick, in_axes=(None, 0, plan_axis, 0, 0))(walker, conditions, plan, memories, engines)
 
 
 @jax.jit
-def _start_minds(walker: Walker, conditions: Conditions) -> Mind:
-    return jax.vmap(start_mind, in_axes=(None, 0))(walker, conditions)
+def _start_memories(walker: Walker, conditions: Conditions) -> ControllerMemory:
+    return jax.vmap(start_memory, in_axes=(None, 0))(walker, conditions)
 
 
 class _Robot:
@@ -112,7 +112,7 @@ class _Robot:
         self.points = {self.model.geom(name).id: k for k, name in enumerate(CONTACT_POINTS)}
         self.fallen = False
 
-    def feel(self) -> _Feeling:
+    def read(self) -> _EngineState:
         """State, and the contact forces and specific force of the last step."""
         data, forces = self.data, np.zeros((len(self.points), 3))
         wrench = np.zeros(6)
@@ -129,10 +129,10 @@ class _Robot:
         time, qpos, qvel, force, specific = (
             np.array(part, self.dtype) for part in (data.time, data.qpos, data.qvel, forces, acceleration[3:])
         )
-        return _Feeling(time, qpos, qvel, force, specific, np.array(self.fallen))
+        return _EngineState(time, qpos, qvel, force, specific, np.array(self.fallen))
 
-    def move(self, torques: np.ndarray, push: np.ndarray, fallen: bool) -> None:
-        """One physics step, unless the robot lies."""
+    def step(self, torques: np.ndarray, push: np.ndarray, fallen: bool) -> None:
+        """One physics step, unless the robot fallen."""
         self.fallen = fallen
         if not fallen:
             self.data.ctrl[:] = torques

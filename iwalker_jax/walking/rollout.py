@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from iwalker_jax.constants import GRAVITY
 from iwalker_jax.control.controller import ControlInfo, Controller, ControllerState, control_step, initial_controller
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait_state import GaitMode
-from iwalker_jax.control.whole_body import GRAVITY
 from iwalker_jax.estimation import (
     EstimatorParameters,
     EstimatorState,
@@ -29,7 +29,7 @@ from iwalker_jax.estimation import (
 )
 from iwalker_jax.optimization import Status
 from iwalker_jax.robot.leg_kinematics import LegKinematics
-from iwalker_jax.robot.model import LEG_JOINTS, RobotModel
+from iwalker_jax.robot.model import ARM_POSITIONS, ARM_VELOCITIES, RobotModel
 from iwalker_jax.robot.physics import ContactSolver, PhysicsState, complete_step, initial_state
 from iwalker_jax.robot.rigid_body import RigidBodyTerms, rigid_body_terms, smooth_stages, terms_from_data
 from iwalker_jax.robot.variation import vary
@@ -102,7 +102,7 @@ class Sensing(NamedTuple):
     specific_force: Float[Array, "3"]
 
 
-class Mind(NamedTuple):
+class ControllerMemory(NamedTuple):
     """What a robot remembers between two ticks.
 
     Attributes:
@@ -123,12 +123,12 @@ class WalkState(NamedTuple):
 
     Attributes:
         physics: the true robot.
-        mind: its memory.
+        memory: what its controller remembers.
         fallen: () bool, the robot lies or its state is not finite; it is frozen.
     """
 
     physics: PhysicsState
-    mind: Mind
+    memory: ControllerMemory
     fallen: Bool[Array, ""]
 
 
@@ -164,7 +164,7 @@ class Sample(NamedTuple):
     fallen: Bool[Array, "*n"]
 
 
-def start_mind(walker: Walker, conditions: Conditions) -> Mind:
+def start_memory(walker: Walker, conditions: Conditions) -> ControllerMemory:
     """Memory of a robot standing in its conditions' start state."""
     terms = rigid_body_terms(walker.robot, conditions.qpos, conditions.qvel)
     sensing = None
@@ -173,17 +173,17 @@ def start_mind(walker: Walker, conditions: Conditions) -> Mind:
         level = terms.base_rotation.T @ jnp.asarray([0.0, 0.0, GRAVITY], terms.com.dtype)
         sensing = Sensing(sensors, initial_estimate(walker.legs, conditions.qpos, conditions.qvel), level)
     torques = jnp.zeros((MAX_DELAY + 1, walker.robot.motor_moments.shape[0]), terms.com.dtype)
-    return Mind(initial_controller(walker.controller, terms), sensing, torques, jnp.ones(2, bool))
+    return ControllerMemory(initial_controller(walker.controller, terms), sensing, torques, jnp.ones(2, bool))
 
 
 def start_walk(walker: Walker, conditions: Conditions) -> WalkState:
     """A robot standing in its conditions' start state."""
     physics = initial_state(walker.robot, conditions.qpos, conditions.qvel)
-    return WalkState(physics, start_mind(walker, conditions), jnp.asarray(False))
+    return WalkState(physics, start_memory(walker, conditions), jnp.asarray(False))
 
 
-class Decision(NamedTuple):
-    """Outcome of one tick's thinking.
+class ControlOutput(NamedTuple):
+    """What one tick's sensing and control lead to.
 
     Attributes:
         torques: (nu,) [N m] that reach the motors now, the delay included.
@@ -196,27 +196,26 @@ class Decision(NamedTuple):
     info: ControlInfo
 
 
-def decide(
+def sense_and_control(
     walker: Walker,
     conditions: Conditions,
     plan: FootstepPlan,
-    mind: Mind,
+    memory: ControllerMemory,
     qpos: Float[Array, " nq"],
     qvel: Float[Array, " nv"],
     nominal: RigidBodyTerms | None = None,
-) -> tuple[Mind, Decision]:
+) -> tuple[ControllerMemory, ControlOutput]:
     """Sense, estimate and control: everything of a tick but the physics, whose engine may be any.
 
     Args:
         qpos, qvel: the true state.
         nominal: the nominal robot's terms at it, if they are at hand; used where the true state is fed back.
     """
-    arms = 7 + 2 * len(LEG_JOINTS)
-    sensing = mind.sensing
+    sensing = memory.sensing
     if walker.noise is not None and sensing is not None:
         sensors, readings = simulate_sensors(walker.noise, sensing.sensors, qpos, qvel, sensing.specific_force)
         readings = readings._replace(image_arrived=readings.image_arrived & ~conditions.images_lost)
-        gait = mind.controller.gait
+        gait = memory.controller.gait
         carrying = jnp.where(gait.mode == GaitMode.WALK, jax.nn.one_hot(gait.stance, 2), 1.0).astype(qpos.dtype)
         estimate = estimate_step(walker.estimator, walker.legs, sensing.estimate, readings, carrying)
         qpos, qvel = estimated_qpos_qvel(estimate)
@@ -224,17 +223,19 @@ def decide(
         nominal = None
     terms = rigid_body_terms(walker.robot, qpos, qvel) if nominal is None else nominal
     torques, controller, info = control_step(
-        walker.controller, terms, (qpos[arms:], qvel[arms - 1 :]), mind.touching, plan, mind.controller
+        walker.controller, terms, (qpos[ARM_POSITIONS], qvel[ARM_VELOCITIES]), memory.touching, plan, memory.controller
     )
-    queue = jnp.concatenate([torques[None], mind.torques[:-1]])
+    queue = jnp.concatenate([torques[None], memory.torques[:-1]])
     late = queue[jnp.clip(conditions.delay, 0, MAX_DELAY)]
-    return Mind(controller, sensing, queue, mind.touching), Decision(late, terms, info)
+    return ControllerMemory(controller, sensing, queue, memory.touching), ControlOutput(late, terms, info)
 
 
-def felt(mind: Mind, touching: Bool[Array, "4"], specific_force: Float[Array, "3"]) -> Mind:
-    """Memory with what the physics step made felt: pressed contact points, specific force [m/s^2] in the base frame."""
-    sensing = None if mind.sensing is None else mind.sensing._replace(specific_force=specific_force)
-    return mind._replace(touching=jnp.any(touching.reshape(2, 2), axis=1), sensing=sensing)
+def after_physics(
+    memory: ControllerMemory, touching: Bool[Array, "4"], specific_force: Float[Array, "3"]
+) -> ControllerMemory:
+    """Memory with the outcome of a physics step: pressed contact points, specific force [m/s^2] in the base frame."""
+    sensing = None if memory.sensing is None else memory.sensing._replace(specific_force=specific_force)
+    return memory._replace(touching=jnp.any(touching.reshape(2, 2), axis=1), sensing=sensing)
 
 
 def push_at(conditions: Conditions, time: Float[Array, ""]) -> Float[Array, "3"]:
@@ -257,13 +258,13 @@ def walk_tick(walker: Walker, conditions: Conditions, plan: FootstepPlan, state:
     data = smooth_stages(plant, physics.qpos, physics.qvel)
     truth = terms_from_data(plant, data)
     nominal = without_mass_scale(walker.robot, truth, conditions.mass_scale)
-    mind, decision = decide(walker, conditions, plan, state.mind, physics.qpos, physics.qvel, nominal)
+    memory, output = sense_and_control(walker, conditions, plan, state.memory, physics.qpos, physics.qvel, nominal)
     push = jnp.concatenate([push_at(conditions, physics.time), jnp.zeros(3, physics.qpos.dtype)])
-    moved, happened = complete_step(plant, physics, data, decision.torques, push, walker.contacts)
-    mind = felt(mind, happened.touching, happened.accelerometer)
-    sample = make_sample(physics.time, physics.qpos, truth, mind, decision, happened.contact_forces, state.fallen)
+    moved, info = complete_step(plant, physics, data, output.torques, push, walker.contacts)
+    memory = after_physics(memory, info.touching, info.accelerometer)
+    sample = make_sample(physics.time, physics.qpos, truth, memory, output, info.contact_forces, state.fallen)
     fallen = state.fallen | has_fallen(walker, moved.qpos, moved.qvel)
-    after = jax.tree.map(lambda new, old: jnp.where(fallen, old, new), WalkState(moved, mind, fallen), state)
+    after = jax.tree.map(lambda new, old: jnp.where(fallen, old, new), WalkState(moved, memory, fallen), state)
     return after._replace(fallen=fallen, physics=after.physics._replace(time=moved.time)), sample
 
 
@@ -288,27 +289,27 @@ def make_sample(
     time: Float[Array, ""],
     qpos: Float[Array, " nq"],
     truth: RigidBodyTerms,
-    mind: Mind,
-    decision: Decision,
+    memory: ControllerMemory,
+    output: ControlOutput,
     forces: Float[Array, "4 3"],
     fallen: Bool[Array, ""],
 ) -> Sample:
     """The record of one tick."""
-    gait, solution = mind.controller.gait, decision.info.solution
+    gait, solution = memory.controller.gait, output.info.solution
     rotation = truth.base_rotation
     return Sample(
         time=time,
         qpos=qpos,
         com=truth.com,
         com_velocity=truth.com_velocity,
-        believed_velocity=decision.believed.com_velocity,
+        believed_velocity=output.believed.com_velocity,
         feet=truth.foot_positions,
         foot_yaws=jnp.arctan2(truth.foot_rotations[:, 1, 0], truth.foot_rotations[:, 0, 0]),
         heading=jnp.arctan2(rotation[1, 0], rotation[0, 0]),
         mode=gait.mode,
         stance=gait.stance,
         step=gait.step,
-        torques=jnp.abs(decision.torques),
+        torques=jnp.abs(output.torques),
         forces=forces,
         qp_residual=solution.residual,
         qp_failures=(solution.status != Status.CONVERGED).astype(jnp.int32),

@@ -1,4 +1,4 @@
-"""Who walks and in what conditions: the robot with its mind, and what each robot of a batch meets."""
+"""Who walks and in what conditions: the robot with its controller, and what disturbs each robot of a batch."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -14,10 +14,13 @@ from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import SensorNoise
 from iwalker_jax.robot.leg_kinematics import load_leg_kinematics
-from iwalker_jax.robot.model import RobotModel, load_robot
+from iwalker_jax.robot.model import LEG_COUNT, LEG_POSITIONS, RobotModel, load_robot
 from iwalker_jax.walking.rollout import MAX_DELAY, Conditions, Walker
 
 Sensors = Literal["none", "nominal", "harsh"]
+
+STEP_TIME = float(GaitParameters().hlip.step_time)
+"""[s] of a step of the default controller."""
 
 
 def default_walker(sensors: Sensors = "none", gait: GaitParameters | None = None) -> tuple[Walker, mujoco.MjModel]:
@@ -81,9 +84,19 @@ class Disturbances:
 
 
 def sample_conditions(
-    robot: RobotModel, disturbances: Disturbances, count: int, seed: int, step_time: float = 0.24
+    robot: RobotModel, disturbances: Disturbances, count: int, seed: int, step_time: float = STEP_TIME
 ) -> Conditions:
-    """Conditions of `count` robots, batch first; robot k of a seed is the same whatever the count."""
+    """Conditions of `count` robots, batch first; robot k of a seed is the same whatever the count.
+
+    Args:
+        robot: that walks.
+        disturbances: ranges to draw from.
+        count, seed: robots, and of their draws.
+        step_time: [s] of a step, of the walker's controller if it is not the default one.
+
+    Raises:
+        InputError: no robot, or a negative seed.
+    """
     if count < 1 or seed < 0:
         raise InputError(
             f"{count} robots with seed {seed} were asked for; give at least 1 robot and a seed of 0 or more."
@@ -108,8 +121,7 @@ def sample_conditions(
 def _draw(robot: RobotModel, d: Disturbances, rng: np.random.Generator, step_time: float) -> tuple:
     """Friction, mass scale, push force and start, delay, qpos and qvel of one robot."""
     qpos = np.array(robot.home, np.float64)
-    legs = slice(7, 17)
-    qpos[legs] += rng.uniform(-d.start_position, d.start_position, 10)
+    qpos[LEG_POSITIONS] += rng.uniform(-d.start_position, d.start_position, LEG_COUNT)
     qpos[:2] += rng.uniform(-d.start_position, d.start_position, 2)
     yaw = rng.uniform(-3, 3) * d.start_position
     turned = np.array([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)])

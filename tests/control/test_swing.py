@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from iwalker_jax.control.swing import Motion, advance_towards, rise_and_fall
+from iwalker_jax.control.swing import TrajectoryPoint, advance_towards, rise_and_fall
 
 
 def quintic(start: tuple, end: tuple, span: float) -> np.ndarray:
@@ -20,7 +20,7 @@ def quintic(start: tuple, end: tuple, span: float) -> np.ndarray:
 def test_ticks_stay_on_the_quintic_of_numpy_and_arrive_at_rest(x64):
     start, span, dt = (0.3, -0.5, 2.0), 0.24, 0.002
     coefficients = np.polynomial.Polynomial(quintic(start, (0.42, 0.0, 0.0), span))
-    motion = Motion(*(jnp.asarray([x]) for x in start))
+    motion = TrajectoryPoint(*(jnp.asarray([x]) for x in start))
     for k in range(115):
         motion = advance_towards(motion, jnp.asarray([0.42]), jnp.asarray(span - k * dt), dt)
         t = (k + 1) * dt
@@ -31,7 +31,7 @@ def test_ticks_stay_on_the_quintic_of_numpy_and_arrive_at_rest(x64):
 
 def test_a_moved_target_is_still_reached(x64):
     span, dt = 0.24, 0.002
-    motion = Motion(jnp.zeros(2), jnp.zeros(2), jnp.zeros(2))
+    motion = TrajectoryPoint(jnp.zeros(2), jnp.zeros(2), jnp.zeros(2))
     for k in range(120):
         target = jnp.asarray([0.1, -0.05]) if k < 70 else jnp.asarray([0.14, -0.02])
         motion = advance_towards(motion, target, jnp.asarray(span - k * dt), dt)
@@ -40,7 +40,7 @@ def test_a_moved_target_is_still_reached(x64):
 
 
 def test_the_last_instants_stay_finite_in_single_precision():
-    motion = Motion(jnp.asarray([3.0]), jnp.asarray([0.01]), jnp.asarray([0.1]))
+    motion = TrajectoryPoint(jnp.asarray([3.0]), jnp.asarray([0.01]), jnp.asarray([0.1]))
     for remaining in (0.004, 0.002, 0.0, -0.002):
         motion = advance_towards(motion, jnp.asarray([3.001]), jnp.asarray(remaining), 0.002)
         assert all(np.isfinite(x).all() for x in motion)
@@ -48,7 +48,7 @@ def test_the_last_instants_stay_finite_in_single_precision():
 
 
 def test_rise_and_fall_passes_its_marks_with_consistent_derivatives(x64):
-    def at(phase: float) -> Motion:
+    def at(phase: float) -> TrajectoryPoint:
         return rise_and_fall(jnp.asarray(phase), jnp.asarray(1 / 0.24), jnp.asarray(0.004), 0.03, 0.1, 0.24)
 
     np.testing.assert_allclose([at(0.0).position, at(0.5).position, at(1.0).position], [0.004, 0.03, 0.0], atol=1e-12)

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
+from iwalker_jax.constants import TIME_STEP
 from iwalker_jax.errors import InputError
 from iwalker_jax.film.recorded_motion import smooth_track
 from iwalker_jax.geometry import host
@@ -103,7 +104,7 @@ def judged(episode: EpisodeRecord, task: Task) -> EpisodeRecord:
 
 
 def episode_metrics(
-    episode: EpisodeRecord, task: Task, shortest: float | None = None, time_step: float = 0.002
+    episode: EpisodeRecord, task: Task, shortest: float | None = None, time_step: float = TIME_STEP
 ) -> EpisodeMetrics:
     """Figures of one episode.
 
@@ -158,7 +159,7 @@ def goals_reached(episode: EpisodeRecord, task: Task) -> Bool[np.ndarray, " goal
     return reached
 
 
-def batch_metrics(record: EpisodeRecord, tasks: Sequence[Task], time_step: float = 0.002) -> list[EpisodeMetrics]:
+def batch_metrics(record: EpisodeRecord, tasks: Sequence[Task], time_step: float = TIME_STEP) -> list[EpisodeMetrics]:
     """Figures of every episode of a batch.
 
     Raises:

@@ -16,6 +16,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from iwalker_jax.checks import Scalar, require_range
+from iwalker_jax.constants import GRAVITY
 
 _DOUBLING_STEPS = 12  # the doubling recursion squares its error: 12 steps equal 4096 Riccati steps
 
@@ -35,7 +36,7 @@ class HlipParameters:
     com_height: Scalar = 0.365
     single_support_time: Scalar = 0.24
     double_support_time: Scalar = 0.0
-    gravity: Scalar = 9.81
+    gravity: Scalar = GRAVITY
 
     def __post_init__(self) -> None:
         require_range(self, "com_height", 0.01, 10.0, "m")
