@@ -8,7 +8,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS = (
-    ("errors", "constants"),
+    ("errors", "constants", "lazy_names", "version"),
     ("checks", "streams", "runtime", "geometry"),
     ("optimization", "bruce_model"),
     ("perception", "robot"),
@@ -17,8 +17,10 @@ FLOORS = (
     ("navigation", "film"),
     ("data",),
     ("training", "evaluation"),
+    ("api",),
     ("experiments",),
     ("benchmarks",),
+    ("examples",),
 )
 """Rooms from the ground up: a file imports from its own room and from floors below, never beside or above."""
 
@@ -29,7 +31,9 @@ LARGEST_ROOM = 16
 
 def product_files() -> list[Path]:
     """All Python files that are not tests."""
-    folders = [ROOT / name for name in ("iwalker_jax", "experiments", "benchmarks", "problems", "bruce_model")]
+    folders = [
+        ROOT / name for name in ("iwalker_jax", "experiments", "benchmarks", "problems", "bruce_model", "examples")
+    ]
     return sorted(file for folder in folders for file in folder.rglob("*.py"))
 
 
@@ -74,6 +78,27 @@ def test_imports_point_down():
     assert not climbing, "imports that climb or go sideways:\n" + "\n".join(climbing)
 
 
+def test_nobody_goes_back_out_through_the_front_door():
+    out = [
+        str(file.relative_to(ROOT))
+        for file in product_files()
+        if room_of(module_of(file)) not in (None, "examples") and "iwalker_jax" in imported_modules(file)
+    ]
+    assert out == [], "the front door is for users; import from the room"
+
+
+def test_examples_go_in_by_the_front_door_and_the_faces_of_rooms():
+    deep = [
+        f"{file.relative_to(ROOT)} imports {module}"
+        for file in product_files()
+        if room_of(module_of(file)) == "examples"
+        for module in imported_modules(file)
+        if module.split(".")[0] in ("iwalker_jax", "experiments", "benchmarks", "problems", "bruce_model")
+        and module.count(".") > 1
+    ]
+    assert deep == []
+
+
 def test_no_circles_between_files():
     names = {module_of(file) for file in product_files()}
     graph = {}
@@ -100,7 +125,7 @@ def test_no_circles_between_files():
                 branches.append(iter(sorted(graph[following])))
 
 
-@pytest.mark.parametrize("package", ["iwalker_jax", "experiments", "benchmarks", "problems", "bruce_model"])
+@pytest.mark.parametrize("package", ["iwalker_jax", "experiments", "benchmarks", "problems", "bruce_model", "examples"])
 def test_no_room_is_crowded(package):
     folders = {file.parent for file in (ROOT / package).rglob("*.py")}
     crowded = {str(f.relative_to(ROOT)): len(list(f.glob("*.py"))) for f in folders}

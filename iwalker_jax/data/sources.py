@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from iwalker_jax import __version__
 from iwalker_jax.data.frame_set import FrameSet, concatenate, load_frames, save_frames
 from iwalker_jax.data.from_recording import frames_from_recording
 from iwalker_jax.data.from_scenes import generate_training_frames
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime import default_cache_folder
+from iwalker_jax.version import __version__
 
 GENERATOR = 1
 """Raised whenever the same seed would give other frames, so that cached ones are made anew."""

@@ -1,12 +1,17 @@
-"""What all pictures share: drawing without a screen, the colours of the feet, and the one way to write a figure."""
+"""What all pictures share: drawing without a screen, colours, maps seen from above, the one way to write a figure."""
 
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import matplotlib
+import numpy as np
+from jaxtyping import Shaped
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
 from iwalker_jax.runtime.files import atomic_write
 
 FOOT_COLOURS = {"right": "tab:orange", "left": "tab:blue"}
@@ -39,3 +44,19 @@ def save_figure(figure: Figure, file: Path, dpi: int = 80) -> None:
         raise InputError(f"The picture {file} cannot be written ({error.strerror}); choose another place.") from error
     finally:
         pyplot().close(figure)
+
+
+def show_on_ground(
+    axis: Axes, values: Shaped[np.ndarray, "rows columns *colour"], grid: GridSpec = DEFAULT_GRID, **options: Any
+) -> None:
+    """Draw a map of the base frame as the robot sees the ground, x up and y to the left; plot points as (y, x) [m].
+
+    Args:
+        axis: to draw on.
+        values: one a cell, or its colour.
+        grid: where the cells lie.
+        options: of `Axes.imshow`.
+    """
+    extent = (grid.y_max, grid.y_min, grid.x_min, grid.x_max)
+    axis.imshow(values[::-1, ::-1], extent=extent, interpolation="nearest", **options)
+    axis.set_aspect("equal")

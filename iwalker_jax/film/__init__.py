@@ -3,8 +3,9 @@
 A name is looked up when it is first used, because `configure_rendering` has to run before anything imports mujoco.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from iwalker_jax.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from iwalker_jax.film.headless import configure_rendering, has_screen, missing_backend
@@ -35,34 +36,12 @@ __all__ = [
     "write_video",
 ]
 
-_MODULES = {
-    "configure_rendering": "headless",
-    "has_screen": "headless",
-    "missing_backend": "headless",
-    "add_footsteps": "markers",
-    "add_forces": "markers",
-    "add_goal": "markers",
-    "add_path": "markers",
-    "add_shadow": "markers",
-    "check_motion": "recorded_motion",
-    "resample_motion": "recorded_motion",
-    "smooth_track": "recorded_motion",
-    "Overlays": "rendering",
-    "VideoSettings": "rendering",
-    "open_renderer": "rendering",
-    "render_frames": "rendering",
-    "set_configuration": "rendering",
-    "play_motion": "video",
-    "write_frames": "video",
-    "write_video": "video",
+_HOMES = {
+    "headless": "configure_rendering has_screen missing_backend",
+    "markers": "add_footsteps add_forces add_goal add_path add_shadow",
+    "recorded_motion": "check_motion resample_motion smooth_track",
+    "rendering": "Overlays VideoSettings open_renderer render_frames set_configuration",
+    "video": "play_motion write_frames write_video",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = lazy_names(__name__, _HOMES)

@@ -4,9 +4,9 @@ Only the settings are imported at once, because they must be chosen before NumPy
 comes when it is first asked for.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from iwalker_jax.lazy_names import lazy_names
 from iwalker_jax.runtime.settings import configure_runtime, default_cache_folder, requested_devices
 
 if TYPE_CHECKING:
@@ -43,27 +43,10 @@ __all__ = [
     "write_text",
 ]
 
-_MODULES = {
-    "devices": ("ShardedProgram", "chosen_devices", "machine"),
-    "files": ("atomic_write", "write_csv", "write_json", "write_npz", "write_text"),
-    "processes": (
-        "ProcessGroup",
-        "barrier",
-        "broadcast",
-        "device_put",
-        "exit_process",
-        "is_first",
-        "join_group",
-    ),
+_HOMES = {
+    "devices": "ShardedProgram chosen_devices machine",
+    "files": "atomic_write write_csv write_json write_npz write_text",
+    "processes": "ProcessGroup barrier broadcast device_put exit_process is_first join_group",
 }
-_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(__name__, _HOMES)

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from iwalker_jax.data.recordings.depth_png import png_size
 from iwalker_jax.data.recordings.metadata import (
     RecordingMetadata,
     camera_heading,
@@ -18,6 +17,7 @@ from iwalker_jax.data.recordings.metadata import (
 from iwalker_jax.data.recordings.report import FileProblem
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import Intrinsics
+from iwalker_jax.perception.depth_png import png_size
 
 ODOMETRY = "odom_ground_truth.txt"
 INTRINSICS = "depth_intrinsic.txt"

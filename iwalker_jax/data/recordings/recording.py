@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Array, Float, Float32
 
 from iwalker_jax.data.recordings import iplanner_layout, yaml_layout
-from iwalker_jax.data.recordings.depth_png import read_depth_png
 from iwalker_jax.data.recordings.iplanner_layout import read_iplanner_layout
 from iwalker_jax.data.recordings.metadata import RecordingMetadata, check_intrinsics
 from iwalker_jax.data.recordings.report import FileProblem, RecordingReport
@@ -20,6 +19,7 @@ from iwalker_jax.data.recordings.yaml_layout import read_yaml_layout
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import CameraMount, Intrinsics
 from iwalker_jax.perception.depth_cleanup import clean_depth, depth_from_uint16, resize_depth
+from iwalker_jax.perception.depth_png import read_depth_png
 from iwalker_jax.perception.floor import FloorFit, fit_floor
 
 CANONICAL = Intrinsics()

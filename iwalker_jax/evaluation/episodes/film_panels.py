@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from iwalker_jax.evaluation.projection import floor_pixels
 from iwalker_jax.geometry.sides import Side
 from iwalker_jax.navigation.map_memory import MapMemoryParameters
 from iwalker_jax.perception.camera import Intrinsics
@@ -62,12 +63,8 @@ def depth_panel(
     zoom = np.array(size) / np.array([intrinsics.width, intrinsics.height])
 
     def pixels(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        floor = np.column_stack([points, np.zeros(len(points))])
-        seen = (floor - p_base_camera) @ R_base_camera
-        inverse = 1.0 / np.maximum(seen[:, 2], _NEAR)
-        u = intrinsics.fx * seen[:, 0] * inverse + intrinsics.cx
-        v = intrinsics.fy * seen[:, 1] * inverse + intrinsics.cy
-        return (np.stack([u, v], axis=1) + 0.5) * zoom, seen[:, 2] > _NEAR
+        image_points, _, ahead = floor_pixels(points, R_base_camera, p_base_camera, intrinsics, _NEAR)
+        return (image_points + 0.5) * zoom, ahead
 
     line, ahead = pixels(plan.path)
     if ahead.any():

@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
+from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure, show_on_ground
 from iwalker_jax.evaluation.frames.sequences import Sequence, SequenceResult
 from iwalker_jax.geometry.sides import footstep_signs
-from iwalker_jax.perception.grid import DEFAULT_GRID
 
 _VIEW = (-0.6, 5.0, 2.4)
 """[m] rear, front and half width of the ground shown."""
@@ -62,10 +61,7 @@ def _depth(axis, sequence: Sequence, result: SequenceResult, i: int) -> None:
 
 def _ground(axis, values: np.ndarray, result: SequenceResult, i: int, **options) -> None:
     """Draw a map as seen from above, x up and y to the left, with robot and goal."""
-    grid = DEFAULT_GRID
-    axis.imshow(
-        values[::-1, ::-1], extent=(grid.y_max, grid.y_min, grid.x_min, grid.x_max), interpolation="nearest", **options
-    )
+    show_on_ground(axis, values, **options)
     rear, front, half = _VIEW
     axis.plot(0, 0, "k^", markersize=6)
     axis.plot(
@@ -77,7 +73,6 @@ def _ground(axis, values: np.ndarray, result: SequenceResult, i: int, **options)
     )
     axis.set_xlim(half, -half)
     axis.set_ylim(rear, front)
-    axis.set_aspect("equal")
     axis.tick_params(labelsize=6)
 
 
