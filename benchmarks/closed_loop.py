@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from iwalker_jax.robot.model import ARM_POSITIONS, ARM_VELOCITIES
+from iwalker_jax.robot import ARM_POSITIONS, ARM_VELOCITIES
 from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
 configure_runtime(requested_devices(sys.argv))
@@ -24,7 +24,7 @@ from flax import nnx  # noqa: E402
 
 from benchmarks.timing import timed  # noqa: E402
 from experiments.shared.planners import planner_of  # noqa: E402
-from iwalker_jax.control.controller import control_step  # noqa: E402
+from iwalker_jax.control import control_step  # noqa: E402
 from iwalker_jax.navigation.body_volume import body_clearance_at  # noqa: E402
 from iwalker_jax.navigation.camera import camera_in_world  # noqa: E402
 from iwalker_jax.navigation.closed_loop import LoopState, Navigator, run_episode, start_episode  # noqa: E402
@@ -49,14 +49,13 @@ from iwalker_jax.perception.local_map import free_and_occupied  # noqa: E402
 from iwalker_jax.perception.seen_route import best_routes  # noqa: E402
 from iwalker_jax.planning.ipath import IPathConfig  # noqa: E402
 from iwalker_jax.planning.planner import Planner, PlannerConfig  # noqa: E402
-from iwalker_jax.robot.rigid_body import rigid_body_terms  # noqa: E402
+from iwalker_jax.robot import rigid_body_terms  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 from iwalker_jax.scenes.depth_noise import DepthNoise  # noqa: E402
 from iwalker_jax.scenes.ray_casting import render_depth  # noqa: E402
 from iwalker_jax.tasks.generated import generated_tasks  # noqa: E402
 from iwalker_jax.tasks.task import Task, TaskArrays, stack_tasks  # noqa: E402
-from iwalker_jax.walking.rollout import Conditions, sense_and_control, walk_tick  # noqa: E402
-from iwalker_jax.walking.setup import Disturbances, sample_conditions  # noqa: E402
+from iwalker_jax.walking import Conditions, Disturbances, sample_conditions, sense_and_control, walk_tick  # noqa: E402  # noqa: E402
 
 REPEATS = 9
 TICKS = 33

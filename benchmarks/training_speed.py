@@ -23,7 +23,7 @@ import optax  # noqa: E402
 from benchmarks.timing import in_turns, timed  # noqa: E402
 from iwalker_jax.data.frame_set import DEPTH_UNIT, FrameSet  # noqa: E402
 from iwalker_jax.data.sources import DataConfig, load_training_frames  # noqa: E402
-from iwalker_jax.geometry.splines import resample_by_arc_length  # noqa: E402
+from iwalker_jax.geometry import resample_by_arc_length  # noqa: E402
 from iwalker_jax.optimization import initial_state_from_reference, solve_step_mpc, solve_unicycle  # noqa: E402
 from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402

@@ -18,13 +18,11 @@ import numpy as np
 
 from benchmarks.timing import once
 from bruce_model import load_mujoco
-from iwalker_jax.control.controller import make_controller
-from iwalker_jax.control.footstep_plan import FootstepPlan, make_plan, velocity_footsteps
+from iwalker_jax.control import FootstepPlan, make_controller, make_plan, velocity_footsteps
 from iwalker_jax.optimization import QpSettings
-from iwalker_jax.robot.leg_kinematics import load_leg_kinematics
-from iwalker_jax.robot.model import load_robot
+from iwalker_jax.robot import load_leg_kinematics, load_robot
 from iwalker_jax.runtime.devices import machine
-from iwalker_jax.walking.rollout import Conditions, Walker, WalkState, start_walk, walk_tick
+from iwalker_jax.walking import Conditions, Walker, WalkState, start_walk, walk_tick
 
 _INTO_THE_WALK = 700  # ticks: 1.4 s, in the middle of the second step
 _STEPS = (1e-6, 1e-7, 1e-8)  # of the differences, longest first

@@ -14,10 +14,18 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 
-from iwalker_jax.control.footstep_plan import make_plan, velocity_footsteps
+from iwalker_jax.control import make_plan, velocity_footsteps
 from iwalker_jax.optimization import QuadraticProgram
-from iwalker_jax.walking.rollout import Conditions, WalkState, sense_and_control, start_walk, walk_tick
-from iwalker_jax.walking.setup import Disturbances, default_walker, sample_conditions
+from iwalker_jax.walking import (
+    Conditions,
+    Disturbances,
+    WalkState,
+    default_walker,
+    sample_conditions,
+    sense_and_control,
+    start_walk,
+    walk_tick,
+)
 
 _ROBOTS = 16
 _BEFORE, _LOGGED = 2000, 640  # ticks: the pushes fall into the logged part

@@ -23,15 +23,25 @@ import tyro
 from experiments.shared.console import console, exit_with, progress_bar, say, stopped
 from experiments.shared.scene_walk import PRETRAINED, SceneWalk, walk_in_scene
 from experiments.shared.walk_output import film, print_figures, push_forces, save_figures, save_pictures
-from iwalker_jax.control.parameters import GaitParameters
+from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.walks.metrics import robot_rows, walk_metrics, walk_record
-from iwalker_jax.walking.batch import BatchResult, WalkProgram
-from iwalker_jax.walking.commands import Motion, MotionKind, Walk, make_walk
-from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
-from iwalker_jax.walking.replay import save_dump
-from iwalker_jax.walking.rollout import Conditions, Walker
-from iwalker_jax.walking.setup import Disturbances, Sensors, default_walker, sample_conditions
+from iwalker_jax.walking import (
+    BatchResult,
+    Conditions,
+    Disturbances,
+    Motion,
+    MotionKind,
+    Sensors,
+    Walk,
+    Walker,
+    WalkProgram,
+    default_walker,
+    make_walk,
+    roll_out_mujoco,
+    sample_conditions,
+    save_dump,
+)
 
 _GRID = 16  # robots shown in the grid of traces
 

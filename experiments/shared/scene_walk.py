@@ -35,7 +35,7 @@ from iwalker_jax.tasks.routes import (
     time_limit,
 )
 from iwalker_jax.tasks.task import Task
-from iwalker_jax.walking.setup import Disturbances, Sensors
+from iwalker_jax.walking import Disturbances, Sensors
 
 PRETRAINED = "pretrained"
 

@@ -15,10 +15,7 @@ from iwalker_jax.evaluation.walks.traces import save_trace_grid
 from iwalker_jax.film.rendering import Overlays
 from iwalker_jax.film.video import play_motion, write_video
 from iwalker_jax.runtime.files import write_json, write_npz
-from iwalker_jax.walking.batch import BatchResult
-from iwalker_jax.walking.commands import Walk
-from iwalker_jax.walking.record import WalkRecord
-from iwalker_jax.walking.rollout import Conditions
+from iwalker_jax.walking import BatchResult, Conditions, Walk, WalkRecord
 
 _ERRORS = (("footstep", "Footstep error", "cm"), ("COM", "COM error", "cm"), ("heading", "Heading error", "deg"))
 

@@ -12,7 +12,7 @@ from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.tasks.named import named_task
 from iwalker_jax.tasks.task import Task
-from iwalker_jax.walking.setup import Disturbances, Sensors
+from iwalker_jax.walking import Disturbances, Sensors
 
 
 class EpisodesResult(NamedTuple):

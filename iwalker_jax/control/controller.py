@@ -24,10 +24,9 @@ from iwalker_jax.control.whole_body import (
     reduced_dynamics,
     whole_body_program,
 )
-from iwalker_jax.geometry.sides import Side
+from iwalker_jax.geometry import Side
 from iwalker_jax.optimization import QpPoint, QpSettings, QuadraticProgram, Solution, control_settings, solve_qp
-from iwalker_jax.robot.model import ARM_POSITIONS, LEG_COUNT, RobotModel
-from iwalker_jax.robot.rigid_body import RigidBodyTerms
+from iwalker_jax.robot import ARM_POSITIONS, LEG_COUNT, RigidBodyTerms, RobotModel
 
 
 @jax.tree_util.register_dataclass

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import host
-from iwalker_jax.geometry.sides import Side, side_of_step, side_sign
+from iwalker_jax.geometry import Side, host, side_of_step, side_sign
 from iwalker_jax.optimization import StepReach
 
 _LARGEST_TURN = 0.6  # rad between successive feet; the hip yaws by half of it either way

@@ -7,9 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import host
-from iwalker_jax.geometry.sides import Side, side_of_step, side_sign
-from iwalker_jax.geometry.splines import arc_length, interpolate_along
+from iwalker_jax.geometry import Side, arc_length, host, interpolate_along, side_of_step, side_sign
 
 
 class FootstepPlan(NamedTuple):

@@ -20,9 +20,7 @@ from iwalker_jax.control.leg_effect import initial_residual
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.control.stepping import SteppingGains
 from iwalker_jax.control.swing import TrajectoryPoint
-from iwalker_jax.geometry.planar import turn
-from iwalker_jax.geometry.rotations import angle_between
-from iwalker_jax.geometry.sides import Side, other_side
+from iwalker_jax.geometry import Side, angle_between, other_side, turn
 from iwalker_jax.optimization import pendulum_flow
 
 

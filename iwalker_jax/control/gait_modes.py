@@ -10,9 +10,7 @@ from iwalker_jax.control.gait_state import GaitMode, GaitState, Posture, foot_po
 from iwalker_jax.control.leg_effect import learned_residual
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.control.swing import TrajectoryPoint
-from iwalker_jax.geometry.planar import turn
-from iwalker_jax.geometry.rotations import angle_between
-from iwalker_jax.geometry.sides import Side, other_side, side_of_step
+from iwalker_jax.geometry import Side, angle_between, other_side, side_of_step, turn
 
 SWING_OVER = 0.999
 """Phase at which a swing counts as over."""

@@ -8,8 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.swing import TrajectoryPoint
-from iwalker_jax.geometry.rotations import angle_between
-from iwalker_jax.geometry.sides import Side, other_side, side_of_step
+from iwalker_jax.geometry import Side, angle_between, other_side, side_of_step
 
 
 class GaitMode(IntEnum):

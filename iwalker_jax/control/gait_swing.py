@@ -12,8 +12,7 @@ from iwalker_jax.control.leg_effect import expected_error
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.control.stepping import SteppingGains, choose_step
 from iwalker_jax.control.swing import TrajectoryPoint, advance_towards, rise_and_fall
-from iwalker_jax.geometry.rotations import angle_between
-from iwalker_jax.geometry.sides import other_side, side_sign
+from iwalker_jax.geometry import angle_between, other_side, side_sign
 
 
 class SwingReference(NamedTuple):

@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 from iwalker_jax.control.gait_state import GaitState, Posture
 from iwalker_jax.control.parameters import GaitParameters, LegEffect
 from iwalker_jax.control.stepping import SteppingGains
-from iwalker_jax.geometry.planar import turn
-from iwalker_jax.geometry.sides import Side, other_side, side_sign
+from iwalker_jax.geometry import Side, other_side, side_sign, turn
 
 
 def initial_residual(effect: LegEffect, dtype: DTypeLike) -> Float[Array, "2 2 2 2"]:

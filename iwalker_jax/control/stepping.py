@@ -14,7 +14,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from iwalker_jax.control.parameters import GaitParameters
-from iwalker_jax.geometry.planar import turn
+from iwalker_jax.geometry import turn
 from iwalker_jax.optimization import pendulum_flow, solve_step_mpc, step_matrices
 
 _SHARES = 9  # candidate durations of the rest of a step

@@ -10,9 +10,8 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.control.parameters import WholeBodyParameters
 from iwalker_jax.control.swing import TrajectoryPoint
-from iwalker_jax.geometry.rotations import angle_between
-from iwalker_jax.geometry.sides import Side
-from iwalker_jax.robot.rigid_body import RigidBodyTerms
+from iwalker_jax.geometry import Side, angle_between
+from iwalker_jax.robot import RigidBodyTerms
 
 
 class WholeBodyTask(NamedTuple):

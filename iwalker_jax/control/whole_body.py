@@ -15,9 +15,9 @@ from jaxtyping import Array, Float
 from iwalker_jax.constants import GRAVITY
 from iwalker_jax.control.parameters import WholeBodyParameters
 from iwalker_jax.control.tasks import WholeBodyTask
-from iwalker_jax.geometry.sides import Side
+from iwalker_jax.geometry import Side
 from iwalker_jax.optimization import QuadraticProgram
-from iwalker_jax.robot.rigid_body import RigidBodyTerms
+from iwalker_jax.robot import RigidBodyTerms
 
 CONTACT_FEET = (Side.RIGHT, Side.RIGHT, Side.LEFT, Side.LEFT)
 """The foot of each contact point."""

@@ -11,8 +11,7 @@ from jaxtyping import Array, Bool, Float
 from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
 from iwalker_jax.data.recordings import load_recording
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import host
-from iwalker_jax.geometry.body import BODY
+from iwalker_jax.geometry import BODY, host
 from iwalker_jax.perception import Intrinsics, build_local_map
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
 from iwalker_jax.perception.grid import DEFAULT_GRID, halved, pool_2x2

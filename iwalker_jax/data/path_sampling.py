@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.body import BODY
+from iwalker_jax.geometry import BODY
 from iwalker_jax.perception import CameraMount
 
 

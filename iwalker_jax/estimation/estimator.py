@@ -22,7 +22,7 @@ from iwalker_jax.estimation.parameters import EstimatorParameters
 from iwalker_jax.estimation.readings import Readings, believable
 from iwalker_jax.estimation.state import EstimatorState
 from iwalker_jax.geometry import rotations as attitude
-from iwalker_jax.robot.leg_kinematics import LegKinematics, foot_motion
+from iwalker_jax.robot import LegKinematics, foot_motion
 
 _FEET = (axis_filter.RIGHT_FOOT, axis_filter.LEFT_FOOT)
 

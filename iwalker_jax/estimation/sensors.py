@@ -12,8 +12,7 @@ from jaxtyping import Array, Float, Int, Key
 from iwalker_jax.constants import GRAVITY, TIME_STEP
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation.readings import Readings
-from iwalker_jax.geometry.planar import turn
-from iwalker_jax.geometry.rotations import rotation_matrix, yaw_of
+from iwalker_jax.geometry import rotation_matrix, turn, yaw_of
 
 _IN_FLIGHT = 4  # images under way at a time
 

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation.readings import Health
 from iwalker_jax.geometry import rotations as attitude
-from iwalker_jax.robot.leg_kinematics import LegKinematics, foot_motion
+from iwalker_jax.robot import LegKinematics, foot_motion
 
 _INITIAL_STD = (0.002, 0.02, 0.05, 0.002, 0.002)  # of p [m], v [m/s], b [m/s^2], r and l [m]
 

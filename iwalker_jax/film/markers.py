@@ -4,9 +4,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from iwalker_jax.geometry import host
-from iwalker_jax.geometry.sides import Side
-from iwalker_jax.walking.record import TimedFootsteps
+from iwalker_jax.geometry import Side, host
+from iwalker_jax.walking import TimedFootsteps
 
 _COLOURS = {Side.RIGHT: (1.0, 0.5, 0.05), Side.LEFT: (0.12, 0.47, 0.71)}
 """Right feet orange and left feet blue, as in the plots."""

@@ -14,8 +14,8 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.film.headless import NO_RENDERING, missing_backend
 from iwalker_jax.film.markers import add_footsteps, add_forces, add_shadow
 from iwalker_jax.film.recorded_motion import check_motion, resample_motion, smooth_track
-from iwalker_jax.robot.model import CONTACT_POINTS
-from iwalker_jax.walking.record import TimedFootsteps
+from iwalker_jax.robot import CONTACT_POINTS
+from iwalker_jax.walking import TimedFootsteps
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Plain geometry that every other room stands on: the plane, rotations, splines, lengths, and the two feet."""
 
+from iwalker_jax.geometry.body import BODY, BodyParameters
 from iwalker_jax.geometry.norms import safe_norm, safe_sqrt
 from iwalker_jax.geometry.planar import to_base, to_world, turn
 from iwalker_jax.geometry.rotations import (
@@ -22,6 +23,8 @@ from iwalker_jax.geometry.splines import (
 )
 
 __all__ = [
+    "BODY",
+    "BodyParameters",
     "Side",
     "angle_between",
     "arc_length",

@@ -10,11 +10,10 @@ import mujoco
 import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
-from mujoco import mjx
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.norms import safe_sqrt
-from iwalker_jax.robot.model import RobotModel
+from iwalker_jax.geometry import safe_sqrt
+from iwalker_jax.robot import RobotModel, body_poses
 from iwalker_jax.scenes.scene import SceneArrays
 
 TOLERANCE = 0.01
@@ -108,8 +107,7 @@ def body_clearance_at(
         scene: one scene.
         qpos: (nq,) base position [m] and quaternion (wxyz), joint positions [rad].
     """
-    data = mjx.kinematics(robot.model, mjx.make_data(robot.model).replace(qpos=qpos))
-    return body_clearance(volume, data.xpos, data.xmat, scene)
+    return body_clearance(volume, *body_poses(robot.model, qpos), scene)
 
 
 def _to_boxes(points: Float[Array, "n 3"], boxes: Float[Array, "boxes 7"]) -> Float[Array, "n boxes"]:

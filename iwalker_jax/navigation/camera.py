@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.planar import to_base
-from iwalker_jax.geometry.rotations import rotation_matrix
+from iwalker_jax.geometry import rotation_matrix, to_base
 
 
 @jax.tree_util.register_dataclass

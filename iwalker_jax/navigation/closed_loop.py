@@ -15,9 +15,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
-from iwalker_jax.control.controller import posture_of
-from iwalker_jax.control.footstep_plan import FootstepPlan
-from iwalker_jax.control.gait_state import GaitMode
+from iwalker_jax.control import FootstepPlan, GaitMode, posture_of
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import estimated_qpos_qvel
 from iwalker_jax.navigation.body_volume import BodyVolume, body_clearance_at
@@ -31,10 +29,10 @@ from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.navigation.step_planning import PursuitParameters, Stance, plan_steps, stop_steps
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.planning.planner import Planner
-from iwalker_jax.robot.rigid_body import rigid_body_terms
+from iwalker_jax.robot import rigid_body_terms
 from iwalker_jax.scenes.depth_noise import DepthNoise
 from iwalker_jax.tasks.task import TaskArrays
-from iwalker_jax.walking.rollout import Conditions, Sample, Walker, WalkState, start_walk, walk_tick
+from iwalker_jax.walking import Conditions, Sample, Walker, WalkState, start_walk, walk_tick
 
 
 @dataclass(frozen=True)

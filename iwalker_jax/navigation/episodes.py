@@ -11,15 +11,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.planar import to_world, turn
-from iwalker_jax.geometry.rotations import turn_about_vertical
+from iwalker_jax.geometry import to_world, turn, turn_about_vertical
 from iwalker_jax.navigation.closed_loop import Navigator, run_episode, start_episode
 from iwalker_jax.navigation.faults import Faults, make_faults
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.runtime.devices import ShardedProgram, chosen_devices
 from iwalker_jax.tasks.task import Task, TaskArrays, stack_tasks
-from iwalker_jax.walking.rollout import Conditions
-from iwalker_jax.walking.setup import Disturbances, sample_conditions
+from iwalker_jax.walking import Conditions, Disturbances, sample_conditions
 
 _CHUNK = 2.0  # [s] of simulated time in one call
 

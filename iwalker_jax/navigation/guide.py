@@ -8,9 +8,7 @@ from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.body import BODY
-from iwalker_jax.geometry.planar import to_base, to_world
-from iwalker_jax.geometry.splines import arc_length, interpolate_along, resample_by_arc_length
+from iwalker_jax.geometry import BODY, arc_length, interpolate_along, resample_by_arc_length, to_base, to_world
 from iwalker_jax.navigation.map_memory import MapMemory, MapMemoryParameters, remember, remembered, window_origin
 from iwalker_jax.navigation.path_band import BAND_POINTS, BandParameters, safe_path
 from iwalker_jax.perception.camera import Intrinsics

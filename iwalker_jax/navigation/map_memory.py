@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.planar import to_base
+from iwalker_jax.geometry import to_base
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
 
 _LARGEST_SHIFT = 8  # cells between two frames; a robot that believes to have jumped farther starts afresh

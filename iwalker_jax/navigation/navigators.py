@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from flax import nnx
 
-from iwalker_jax.control.parameters import GaitParameters
+from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.body_volume import load_body_volume
 from iwalker_jax.navigation.camera import load_camera
@@ -13,7 +13,7 @@ from iwalker_jax.navigation.guide import GuidanceParameters
 from iwalker_jax.navigation.step_planning import PursuitParameters
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.scenes.depth_noise import DepthNoise
-from iwalker_jax.walking.setup import Sensors, default_walker
+from iwalker_jax.walking import Sensors, default_walker
 
 
 class Policy(NamedTuple):

@@ -10,8 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.body import BODY
-from iwalker_jax.geometry.splines import resample_by_arc_length
+from iwalker_jax.geometry import BODY, resample_by_arc_length
 from iwalker_jax.perception.grid import GridSpec
 from iwalker_jax.perception.map_sampling import sample_smooth
 

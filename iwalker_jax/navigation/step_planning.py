@@ -7,12 +7,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from iwalker_jax.control.footstep_plan import FootstepPlan
+from iwalker_jax.control import FootstepPlan
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.planar import to_base, to_world, turn
-from iwalker_jax.geometry.rotations import angle_between
-from iwalker_jax.geometry.sides import footstep_signs, other_side, side_sign
-from iwalker_jax.geometry.splines import arc_length, interpolate_along, resample_by_arc_length
+from iwalker_jax.geometry import (
+    angle_between,
+    arc_length,
+    footstep_signs,
+    interpolate_along,
+    other_side,
+    resample_by_arc_length,
+    side_sign,
+    to_base,
+    to_world,
+    turn,
+)
 from iwalker_jax.planning.istepper import IStepper
 from iwalker_jax.planning.planner import PATH_POINTS
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from iwalker_jax.geometry.splines import resample_by_arc_length
+from iwalker_jax.geometry import resample_by_arc_length
 from iwalker_jax.perception.cost_to_go import descend
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec, halved
 from iwalker_jax.perception.map_sampling import sample_bilinear

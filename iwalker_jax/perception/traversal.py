@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.body import BODY
+from iwalker_jax.geometry import BODY
 
 
 @dataclass(frozen=True)

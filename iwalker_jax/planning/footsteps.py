@@ -8,8 +8,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from iwalker_jax.geometry.sides import footstep_signs
-from iwalker_jax.geometry.splines import arc_length, interpolate_along, path_tangents
+from iwalker_jax.geometry import arc_length, footstep_signs, interpolate_along, path_tangents
 from iwalker_jax.planning.robot_state import StepGeometry
 
 

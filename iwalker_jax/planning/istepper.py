@@ -8,7 +8,7 @@ from flax import nnx
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.splines import arc_length, interpolate_along
+from iwalker_jax.geometry import arc_length, interpolate_along
 from iwalker_jax.planning.footsteps import nominal_footsteps
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry
 

@@ -11,7 +11,7 @@ from flax import nnx
 from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.splines import hermite_path
+from iwalker_jax.geometry import hermite_path
 from iwalker_jax.perception.camera import CameraMount
 from iwalker_jax.perception.depth_cleanup import check_depth_image
 from iwalker_jax.planning.ipath import IPath, IPathConfig

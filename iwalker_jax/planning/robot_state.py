@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.sides import Side, side_sign
+from iwalker_jax.geometry import Side, side_sign
 from iwalker_jax.optimization import HlipParameters, pendulum_flow
 
 

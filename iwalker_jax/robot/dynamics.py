@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from iwalker_jax.geometry.rotations import rotation_matrix
+from iwalker_jax.geometry import rotation_matrix
 from iwalker_jax.robot.model import RobotModel
 from iwalker_jax.robot.skeleton import Carried, Skeleton
 

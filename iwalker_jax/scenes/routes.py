@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.body import BODY
+from iwalker_jax.geometry import BODY
 from iwalker_jax.perception import GridSpec
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
 from iwalker_jax.scenes.scene import MAX_EXTENT, SceneArrays, obstacle_distance, occupancy

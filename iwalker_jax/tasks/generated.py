@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import host
-from iwalker_jax.geometry.body import BODY
+from iwalker_jax.geometry import BODY, host
 from iwalker_jax.scenes import FAMILIES, Scene, SceneArrays, generate_scene, held_out_scene
 from iwalker_jax.streams import HELD_OUT_TASKS, TRAINING_TASKS, Stream
 from iwalker_jax.tasks.named import GOAL_CLEARANCE, START_CLEARANCE

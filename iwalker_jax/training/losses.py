@@ -8,9 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.norms import safe_norm
-from iwalker_jax.geometry.sides import footstep_signs
-from iwalker_jax.geometry.splines import resample_by_arc_length
+from iwalker_jax.geometry import footstep_signs, resample_by_arc_length, safe_norm
 from iwalker_jax.optimization import GradientMode, initial_state_from_reference, solve_step_mpc, solve_unicycle
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth

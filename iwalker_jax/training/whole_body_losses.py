@@ -15,16 +15,20 @@ from jaxtyping import Array, Bool, Float, Int
 
 from bruce_model import load_mujoco
 from iwalker_jax.constants import GRAVITY
-from iwalker_jax.control.controller import Controller, make_controller, solve_whole_body
-from iwalker_jax.control.gait_state import GaitReference
-from iwalker_jax.control.stepping import choose_step
-from iwalker_jax.control.swing import TrajectoryPoint, advance_towards, rise_and_fall
-from iwalker_jax.geometry.sides import Side, other_side
+from iwalker_jax.control import (
+    Controller,
+    GaitReference,
+    TrajectoryPoint,
+    advance_towards,
+    choose_step,
+    make_controller,
+    rise_and_fall,
+    solve_whole_body,
+)
+from iwalker_jax.geometry import Side, other_side
 from iwalker_jax.optimization import pendulum_flow
 from iwalker_jax.planning.robot_state import RobotState
-from iwalker_jax.robot.model import LEG_COUNT, RobotModel, load_robot
-from iwalker_jax.robot.placement import place_robot
-from iwalker_jax.robot.rigid_body import rigid_body_terms
+from iwalker_jax.robot import LEG_COUNT, RobotModel, load_robot, place_robot, rigid_body_terms
 
 SWING_PHASES = (0.25, 0.75)
 """Of a swing at which the QP is solved: near the swing foot's largest acceleration and deceleration."""

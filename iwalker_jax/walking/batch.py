@@ -10,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from iwalker_jax.control.footstep_plan import FootstepPlan
-from iwalker_jax.control.gait_state import GaitMode
+from iwalker_jax.control import FootstepPlan, GaitMode
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.devices import ShardedProgram, chosen_devices
 from iwalker_jax.walking.rollout import Conditions, Sample, Walker, WalkState, roll_out, start_walk

@@ -8,19 +8,19 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from iwalker_jax.control.footstep_check import check_footsteps, load_footsteps
-from iwalker_jax.control.footstep_plan import (
+from iwalker_jax.control import (
     FootstepPlan,
+    GaitParameters,
+    check_footsteps,
     footsteps_along,
+    load_footsteps,
     make_plan,
     ramp_shares,
     velocity_footsteps,
 )
-from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import host
-from iwalker_jax.geometry.sides import Side, other_side
-from iwalker_jax.robot.model import FEET
+from iwalker_jax.geometry import Side, host, other_side
+from iwalker_jax.robot import FEET
 
 MotionKind = Literal["stand", "in_place", "straight", "sideways", "turn", "s_curve", "footsteps", "path"]
 

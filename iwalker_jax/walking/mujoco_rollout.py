@@ -8,10 +8,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Array
 
-from iwalker_jax.control.footstep_plan import FootstepPlan
-from iwalker_jax.robot.model import CONTACT_POINTS
-from iwalker_jax.robot.rigid_body import rigid_body_terms
-from iwalker_jax.robot.variation import vary_mujoco
+from iwalker_jax.control import FootstepPlan
+from iwalker_jax.robot import CONTACT_POINTS, rigid_body_terms, vary_mujoco
 from iwalker_jax.walking.rollout import (
     Conditions,
     ControllerMemory,

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from iwalker_jax.control.footstep_plan import FootstepPlan
+from iwalker_jax.control import FootstepPlan
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.files import write_npz
 from iwalker_jax.walking.batch import BrokenRow

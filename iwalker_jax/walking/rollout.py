@@ -13,9 +13,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.constants import GRAVITY
-from iwalker_jax.control.controller import ControlInfo, Controller, ControllerState, control_step, initial_controller
-from iwalker_jax.control.footstep_plan import FootstepPlan
-from iwalker_jax.control.gait_state import GaitMode
+from iwalker_jax.control import (
+    ControlInfo,
+    Controller,
+    ControllerState,
+    FootstepPlan,
+    GaitMode,
+    control_step,
+    initial_controller,
+)
 from iwalker_jax.estimation import (
     EstimatorParameters,
     EstimatorState,
@@ -28,11 +34,21 @@ from iwalker_jax.estimation import (
     simulate_sensors,
 )
 from iwalker_jax.optimization import Status
-from iwalker_jax.robot.leg_kinematics import LegKinematics
-from iwalker_jax.robot.model import ARM_POSITIONS, ARM_VELOCITIES, RobotModel
-from iwalker_jax.robot.physics import ContactSolver, PhysicsState, complete_step, initial_state
-from iwalker_jax.robot.rigid_body import RigidBodyTerms, rigid_body_terms, smooth_stages, terms_from_data
-from iwalker_jax.robot.variation import vary
+from iwalker_jax.robot import (
+    ARM_POSITIONS,
+    ARM_VELOCITIES,
+    ContactSolver,
+    LegKinematics,
+    PhysicsState,
+    RigidBodyTerms,
+    RobotModel,
+    complete_step,
+    initial_state,
+    rigid_body_terms,
+    smooth_stages,
+    terms_from_data,
+    vary,
+)
 
 MAX_DELAY = 4
 """Longest delay of the torques, in ticks."""

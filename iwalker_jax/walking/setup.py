@@ -9,12 +9,10 @@ import mujoco
 import numpy as np
 
 from bruce_model import load_mujoco
-from iwalker_jax.control.controller import make_controller
-from iwalker_jax.control.parameters import GaitParameters
+from iwalker_jax.control import GaitParameters, make_controller
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import SensorNoise
-from iwalker_jax.robot.leg_kinematics import load_leg_kinematics
-from iwalker_jax.robot.model import LEG_COUNT, LEG_POSITIONS, RobotModel, load_robot
+from iwalker_jax.robot import LEG_COUNT, LEG_POSITIONS, RobotModel, load_leg_kinematics, load_robot
 from iwalker_jax.walking.rollout import MAX_DELAY, Conditions, Walker
 
 Sensors = Literal["none", "nominal", "harsh"]

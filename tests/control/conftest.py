@@ -3,7 +3,7 @@
 import pytest
 
 from iwalker_jax.control.controller import make_controller
-from iwalker_jax.robot.model import load_robot
+from iwalker_jax.robot import load_robot
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import pytest
 from iwalker_jax.control.footstep_check import check_footsteps, load_footsteps
 from iwalker_jax.control.footstep_plan import footsteps_along, make_plan, velocity_footsteps
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.sides import Side, side_of_step
+from iwalker_jax.geometry import Side, side_of_step
 from iwalker_jax.optimization import StepReach
 
 REACH = StepReach(sagittal=0.3, lateral_min=0.045, lateral_max=0.26)

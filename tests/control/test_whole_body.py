@@ -11,7 +11,7 @@ from iwalker_jax.control.controller import control_step, initial_controller, mak
 from iwalker_jax.control.footstep_plan import make_plan, velocity_footsteps
 from iwalker_jax.control.whole_body import reduced_dynamics
 from iwalker_jax.optimization import Status
-from iwalker_jax.robot.rigid_body import rigid_body_terms
+from iwalker_jax.robot import rigid_body_terms
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from iwalker_jax.estimation import (
     initial_sensors,
     simulate_sensors,
 )
-from iwalker_jax.robot.leg_kinematics import load_leg_kinematics
+from iwalker_jax.robot import load_leg_kinematics
 from tests.estimation.motions import Motion, bruce
 
 RUNS = 3

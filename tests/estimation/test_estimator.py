@@ -7,7 +7,7 @@ import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import EstimatorParameters, SensorNoise, estimated_qpos_qvel, initial_estimate
-from iwalker_jax.robot.leg_kinematics import load_leg_kinematics
+from iwalker_jax.robot import load_leg_kinematics
 from tests.estimation.motions import bruce, crouch, squat, walk
 from tests.estimation.runs import (
     estimate,

@@ -15,7 +15,7 @@ from iwalker_jax.estimation import (
     initial_sensors,
     simulate_sensors,
 )
-from iwalker_jax.robot.leg_kinematics import load_leg_kinematics
+from iwalker_jax.robot import load_leg_kinematics
 from tests.estimation.motions import bruce, crouch
 from tests.gradients import assert_gradients_agree
 

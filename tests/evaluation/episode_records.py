@@ -3,7 +3,7 @@
 import numpy as np
 
 from bruce_model import crouch_qpos
-from iwalker_jax.geometry.sides import Side
+from iwalker_jax.geometry import Side
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.tasks.task import Task

@@ -10,7 +10,7 @@ import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.film.headless import configure_rendering
-from iwalker_jax.geometry.sides import Side
+from iwalker_jax.geometry import Side
 
 configure_rendering()
 
@@ -20,7 +20,7 @@ from PIL import Image  # noqa: E402
 
 from iwalker_jax.film.rendering import Overlays, VideoSettings, render_frames  # noqa: E402
 from iwalker_jax.film.video import play_motion, write_frames, write_video  # noqa: E402
-from iwalker_jax.walking.record import TimedFootsteps  # noqa: E402
+from iwalker_jax.walking import TimedFootsteps  # noqa: E402
 
 BOX = """
 <mujoco>

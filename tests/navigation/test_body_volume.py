@@ -11,7 +11,7 @@ import pytest
 from bruce_model import mjcf_text
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.body_volume import TOLERANCE, body_clearance, body_clearance_at, load_body_volume
-from iwalker_jax.robot.model import load_robot
+from iwalker_jax.robot import load_robot
 from iwalker_jax.scenes.built.held_out_sequences import held_out_sequence
 from iwalker_jax.scenes.mjcf import scene_to_mjcf
 from iwalker_jax.scenes.scene import Scene

@@ -6,7 +6,7 @@ import pytest
 
 from bruce_model import load_mujoco
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.planar import to_base, to_world
+from iwalker_jax.geometry import to_base, to_world
 from iwalker_jax.navigation.camera import base_pose, camera_in_world, load_camera, measured_mount
 from iwalker_jax.perception.camera import camera_pose
 from iwalker_jax.scenes.ray_casting import world_camera_pose

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from iwalker_jax.geometry.sides import footstep_signs
+from iwalker_jax.geometry import footstep_signs
 from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.planning.footsteps import closest_on_path, nominal_footsteps
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry, pre_impact_planes, sample_robot_state

@@ -7,7 +7,7 @@ import pytest
 from flax import nnx
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.sides import Side
+from iwalker_jax.geometry import Side
 from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.perception.camera import CameraMount
 from iwalker_jax.planning.ipath import IPathConfig

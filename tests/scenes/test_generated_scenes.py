@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.body import BODY
+from iwalker_jax.geometry import BODY
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.scenes.built.free_space import connected_free_space
 from iwalker_jax.scenes.built.held_out_scenes import held_out_scene

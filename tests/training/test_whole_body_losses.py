@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from iwalker_jax.geometry.sides import Side
+from iwalker_jax.geometry import Side
 from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.planning.robot_state import RobotState
 from iwalker_jax.training.losses import LossWeights

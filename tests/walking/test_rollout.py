@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from bruce_model import load_mujoco
-from iwalker_jax.control.controller import make_controller
-from iwalker_jax.control.footstep_plan import make_plan, velocity_footsteps
-from iwalker_jax.robot.leg_kinematics import load_leg_kinematics
-from iwalker_jax.robot.model import load_robot
+from iwalker_jax.control import make_controller, make_plan, velocity_footsteps
+from iwalker_jax.robot import load_leg_kinematics, load_robot
 from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
 from iwalker_jax.walking.rollout import Conditions, Walker, roll_out, start_walk
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from iwalker_jax.control.parameters import GaitParameters
+from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.walking.commands import Motion, load_path, make_walk, s_curve, standing_feet
 from iwalker_jax.walking.setup import Disturbances, default_walker, sample_conditions

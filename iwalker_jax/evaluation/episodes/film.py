@@ -19,14 +19,12 @@ from iwalker_jax.film.markers import add_footsteps, add_goal, add_path, add_shad
 from iwalker_jax.film.recorded_motion import check_motion, smooth_track
 from iwalker_jax.film.rendering import VideoSettings, open_renderer, set_configuration
 from iwalker_jax.film.video import write_frames
-from iwalker_jax.geometry import host
-from iwalker_jax.geometry.planar import to_base
-from iwalker_jax.geometry.sides import side_of_step
+from iwalker_jax.geometry import host, side_of_step, to_base
 from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
 from iwalker_jax.scenes.mjcf import obstacle_geoms
 from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.tasks.task import Task
-from iwalker_jax.walking.record import TimedFootsteps
+from iwalker_jax.walking import TimedFootsteps
 
 _STRIP = 36  # [px] height of the line of text
 _WALL_COLOUR = (0.86, 0.84, 0.79, 1.0)

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
-from iwalker_jax.geometry import host
-from iwalker_jax.geometry.planar import to_base, to_world
+from iwalker_jax.geometry import host, to_base, to_world
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.tasks.task import Task

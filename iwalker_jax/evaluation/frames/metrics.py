@@ -5,9 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from iwalker_jax.geometry.norms import safe_norm
-from iwalker_jax.geometry.planar import to_world
-from iwalker_jax.geometry.splines import arc_length, resample_by_arc_length
+from iwalker_jax.geometry import arc_length, resample_by_arc_length, safe_norm, to_world
 from iwalker_jax.optimization import initial_state_from_reference, solve_step_mpc, solve_unicycle
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
 from iwalker_jax.perception.grid import PUBLISHED_GRID

@@ -6,7 +6,7 @@ import numpy as np
 
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure, show_on_ground
 from iwalker_jax.evaluation.frames.sequences import Sequence, SequenceResult
-from iwalker_jax.geometry.sides import footstep_signs
+from iwalker_jax.geometry import footstep_signs
 
 _VIEW = (-0.6, 5.0, 2.4)
 """[m] rear, front and half width of the ground shown."""

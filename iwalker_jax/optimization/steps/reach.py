@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Num
 
 from iwalker_jax.checks import Scalar, field_values, require_range
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry.sides import footstep_signs
+from iwalker_jax.geometry import footstep_signs
 
 _LEAST = 1e-3  # room [m] below which two bounds count as contradicting
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from iwalker_jax.geometry.body import BODY
+from iwalker_jax.geometry import BODY
 from iwalker_jax.scenes.built.layout import Layout, Style
 from iwalker_jax.scenes.scene import BOX_CAPACITY, CYLINDER_CAPACITY, MAX_EXTENT, Scene, SceneArrays, occupancy
 from iwalker_jax.streams import Stream

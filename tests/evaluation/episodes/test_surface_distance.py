@@ -10,7 +10,7 @@ import trimesh
 from bruce_model import crouch_qpos
 from iwalker_jax.evaluation.episodes.surface_distance import original_surface, surface_distance
 from iwalker_jax.navigation.body_volume import body_clearance_at
-from iwalker_jax.robot.model import load_robot
+from iwalker_jax.robot import load_robot
 from iwalker_jax.scenes.imported.mesh_distance import mesh_clearance
 from iwalker_jax.scenes.scene import Scene
 from tests.scenes.test_user_scene import mesh_of

@@ -6,7 +6,7 @@ import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.frames.plan_picture import draw_plan, seen_pixels
-from iwalker_jax.geometry.sides import Side
+from iwalker_jax.geometry import Side
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject
 from iwalker_jax.planning.planner import Plan
 

@@ -5,12 +5,12 @@ import csv
 import numpy as np
 import pytest
 
-from iwalker_jax.control.footstep_plan import FootstepPlan
+from iwalker_jax.control import FootstepPlan
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks.metrics import find_landings, robot_rows, speed_error, walk_metrics, walk_record
 from iwalker_jax.evaluation.walks.tables import Labels, WalkTable, load_table, summarise
-from iwalker_jax.geometry.sides import Side
-from iwalker_jax.walking.rollout import Sample
+from iwalker_jax.geometry import Side
+from iwalker_jax.walking import Sample
 
 STEP_TIME, INTERVAL = 0.24, 0.02
 LIMITS = np.full(16, 10.5)

@@ -10,8 +10,8 @@ import pytest
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks.pictures import save_walk_sheet
 from iwalker_jax.evaluation.walks.traces import save_trace_grid
-from iwalker_jax.geometry.sides import Side
-from iwalker_jax.walking.record import TimedFootsteps, WalkRecord
+from iwalker_jax.geometry import Side
+from iwalker_jax.walking import TimedFootsteps, WalkRecord
 
 
 def make_walk(turn: float = 0.0, fall: float | None = None, seconds: float = 4.0) -> WalkRecord:
