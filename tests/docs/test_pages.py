@@ -169,6 +169,11 @@ def test_the_table_of_commands_holds_every_experiment():
     assert {name for name in named if name.startswith("experiments.")} == commands_in("experiments")
 
 
+def test_the_readme_shows_every_example():
+    shown = {Path(name).name for name in named_files(ROOT / "README.md") if name.startswith("examples/")}
+    assert shown == {file.name for file in (ROOT / "examples").glob("*.py")}
+
+
 def test_every_benchmark_and_page_is_named_somewhere():
     named = {command.module for page in PAGES for command in module_commands(page)}
     named |= {name for page in PAGES for name in dotted_names(page)}
