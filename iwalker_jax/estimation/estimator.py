@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from iwalker_jax.estimation import axis_filter
 from iwalker_jax.estimation.axis_filter import BIAS, POSITION, VELOCITY, Belief
 from iwalker_jax.estimation.parameters import EstimatorParameters
-from iwalker_jax.estimation.readings import Readings, believable
+from iwalker_jax.estimation.readings import Readings, within_range
 from iwalker_jax.estimation.state import EstimatorState
 from iwalker_jax.geometry import rotations as attitude
 from iwalker_jax.robot import LegKinematics, foot_motion
@@ -74,20 +74,20 @@ def _turn_and_accelerate(
 ) -> tuple[EstimatorState, Float[Array, "3"]]:
     """Attitude one period later, and the measured acceleration in world axes over the period [m/s^2]."""
     period = parameters.control_period
-    gyro_fine = jnp.all(believable(readings.gyro, parameters.gyro_range))
-    force_fine = jnp.all(believable(readings.accelerometer, parameters.accelerometer_range))
+    gyro_usable = jnp.all(within_range(readings.gyro, parameters.gyro_range))
+    force_usable = jnp.all(within_range(readings.accelerometer, parameters.accelerometer_range))
     rotation = attitude.rotation_matrix(state.quaternion)
     vertical = rotation[2]
     at_rest = (parameters.gravity + state.accelerometer_bias) * vertical
-    force = jnp.where(force_fine, readings.accelerometer, at_rest)
-    angular_velocity = jnp.where(gyro_fine, readings.gyro - state.gyro_bias, state.angular_velocity)
+    force = jnp.where(force_usable, readings.accelerometer, at_rest)
+    angular_velocity = jnp.where(gyro_usable, readings.gyro - state.gyro_bias, state.angular_velocity)
     # The specific force belongs to the attitude at the beginning of the period.
     error = attitude.tilt_error(vertical, force, parameters.gravity, parameters.tilt_gate)
     turn = period * (angular_velocity + parameters.tilt_rate * error)
     state = state._replace(
         quaternion=attitude.turn_in_body(state.quaternion, turn),
         angular_velocity=angular_velocity,
-        health=state.health._replace(gyro_rejected=~gyro_fine, accelerometer_rejected=~force_fine),
+        health=state.health._replace(gyro_rejected=~gyro_usable, accelerometer_rejected=~force_usable),
     )
     return state, rotation @ force - jnp.asarray([0, 0, 1], force.dtype) * parameters.gravity
 
@@ -115,13 +115,13 @@ def _with_joints(
     parameters: EstimatorParameters, legs: LegKinematics, state: EstimatorState, readings: Readings
 ) -> EstimatorState:
     """Take over the joint readings that can be believed and hold the others."""
-    fine = believable(readings.joint_positions, parameters.joint_position_range)
-    fine &= believable(readings.joint_velocities, parameters.joint_velocity_range)
+    usable = within_range(readings.joint_positions, parameters.joint_position_range)
+    usable &= within_range(readings.joint_velocities, parameters.joint_velocity_range)
     count = legs.axes.shape[1]
-    by_leg = jnp.stack([jnp.all(fine[start : start + count]) for start in legs.starts])
+    by_leg = jnp.stack([jnp.all(usable[start : start + count]) for start in legs.starts])
     return state._replace(
-        joint_positions=jnp.where(fine, readings.joint_positions, state.joint_positions),
-        joint_velocities=jnp.where(fine, readings.joint_velocities, state.joint_velocities),
+        joint_positions=jnp.where(usable, readings.joint_positions, state.joint_positions),
+        joint_velocities=jnp.where(usable, readings.joint_velocities, state.joint_velocities),
         health=state.health._replace(joints_rejected=~by_leg),
     )
 
@@ -187,8 +187,8 @@ def _image_measured(
     image = jnp.concatenate([readings.image_position, readings.image_yaw[None]])
     ticks = memory.shape[0]
     age = readings.image_age / parameters.control_period
-    fine = jnp.all(jnp.isfinite(image)) & (age >= 0) & (age <= ticks - 1)
-    used = readings.image_arrived & fine
+    usable = jnp.all(jnp.isfinite(image)) & (age >= 0) & (age <= ticks - 1)
+    used = readings.image_arrived & usable
     # Weights of linear interpolation between the two remembered poses around the image's time.
     hat = jnp.maximum(0, 1 - jnp.abs(jnp.arange(ticks) - jnp.where(used, age, 0)))
     innovation = jnp.where(used, image - hat @ memory - state.image_correction, 0)
@@ -204,7 +204,7 @@ def _image_measured(
     correction = jnp.concatenate([belief.mean[POSITION] - before, turn[None]])
     vertical = attitude.rotation_matrix(state.quaternion)[2]
     health = state.health._replace(
-        image_rejected=readings.image_arrived & ~fine, image_residual=jnp.where(used, residual, 0)
+        image_rejected=readings.image_arrived & ~usable, image_residual=jnp.where(used, residual, 0)
     )
     return belief, state._replace(
         quaternion=attitude.turn_about_vertical(state.quaternion, turn),

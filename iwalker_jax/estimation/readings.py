@@ -1,4 +1,4 @@
-"""What the robot's sensors deliver in one control period, and which of it can be believed."""
+"""What the robot's sensors deliver in one control period, and which of it can be used."""
 
 from typing import NamedTuple
 
@@ -52,6 +52,6 @@ class Health(NamedTuple):
     image_residual: Float[Array, ""]
 
 
-def believable(values: Float[Array, "*shape"], limit: float) -> Bool[Array, "*shape"]:
+def within_range(values: Float[Array, "*shape"], limit: float) -> Bool[Array, "*shape"]:
     """Where values are finite and at most `limit` in size; NaN compares as false."""
     return jnp.abs(values) <= limit

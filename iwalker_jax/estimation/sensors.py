@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Bool, Float, Int, Key
 
 from iwalker_jax.constants import GRAVITY, TIME_STEP
 from iwalker_jax.errors import InputError
@@ -185,58 +185,94 @@ def simulate_sensors(
     image_noise, drift_noise, joint_noise = normal[12:16], normal[16:19], normal[19:]
     encoder_noise, rate_noise = joint_noise[:joints], joint_noise[joints:]
 
-    # Ornstein-Uhlenbeck biases.
-    keep = math.exp(-noise.control_period / noise.bias_time)
-    stir = math.sqrt(1 - keep**2)
-    force_bias = keep * sensors.accelerometer_bias + stir * noise.accelerometer_bias * force_walk
-    gyro_bias = keep * sensors.gyro_bias + stir * noise.gyro_bias * gyro_walk
-    angles = qpos[7:] + sensors.encoder_offset + noise.encoder_std * encoder_noise
+    sensors = sensors._replace(
+        key=key,
+        accelerometer_bias=_wandered(noise, sensors.accelerometer_bias, noise.accelerometer_bias, force_walk),
+        gyro_bias=_wandered(noise, sensors.gyro_bias, noise.gyro_bias, gyro_walk),
+        drift=_drifted(noise, sensors.drift, qvel[:2], drift_noise),
+    )
+    sensors, image = _next_image(noise, sensors, qpos, image_noise, key_drop)
+    readings = Readings(
+        gyro=qvel[3:6] + sensors.gyro_bias + noise.gyro_std * gyro_noise,
+        accelerometer=imu_acceleration + sensors.accelerometer_bias + noise.accelerometer_std * force_noise,
+        joint_positions=_encoded(noise, qpos[7:] + sensors.encoder_offset + noise.encoder_std * encoder_noise),
+        joint_velocities=qvel[6:] + noise.joint_velocity_std * rate_noise,
+        image_position=image.pose[:3],
+        image_yaw=image.pose[3],
+        image_age=image.age,
+        image_arrived=image.arrived,
+    )
+    return sensors, readings
+
+
+class _Image(NamedTuple):
+    """The image whose pose arrives in a period; zeros if none does.
+
+    Attributes:
+        pose: (4,) x, y, z [m] and yaw [rad] by odometry.
+        age: () [s] since it was taken; arrived: () bool.
+    """
+
+    pose: Float[Array, "4"]
+    age: Float[Array, ""]
+    arrived: Bool[Array, ""]
+
+
+def _wandered(noise: SensorNoise, bias: Float[Array, "3"], std: float, normal: Float[Array, "3"]) -> Float[Array, "3"]:
+    """A bias one period later: an Ornstein-Uhlenbeck process of a standard deviation, driven by standard normals."""
+    decay = math.exp(-noise.control_period / noise.bias_time)
+    diffusion = math.sqrt(1 - decay**2)
+    return decay * bias + diffusion * std * normal
+
+
+def _encoded(noise: SensorNoise, angles: Float[Array, " joints"]) -> Float[Array, " joints"]:
+    """Joint positions [rad] at the encoders' resolution."""
     if noise.encoder_step > 0:
         # Only the rounding is piecewise constant: derivatives pass as if there were none.
         angles += jax.lax.stop_gradient(jnp.round(angles / noise.encoder_step) * noise.encoder_step - angles)
+    return angles
 
-    # Odometry adds up what it believes to have moved, turned by how wrong its heading is.
-    moved = qvel[:2] * noise.control_period
+
+def _drifted(
+    noise: SensorNoise, drift: Float[Array, "3"], velocity: Float[Array, "2"], normal: Float[Array, "3"]
+) -> Float[Array, "3"]:
+    """Odometry's drift one period later: it adds up what it believes to have moved, turned by its heading's error."""
+    moved = velocity * noise.control_period
     square = jnp.sum(moved**2)
     walked = jnp.where(square > 0, jnp.where(square > 0, square, 1) ** 0.25, 0)  # square root of the distance
-    spread = jnp.asarray([noise.image_drift, noise.image_drift, noise.image_yaw_drift], dtype)
-    turned = turn(sensors.drift[2], moved) - moved
-    drift = sensors.drift + jnp.append(turned, 0) + walked * spread * drift_noise
+    spread = jnp.asarray([noise.image_drift, noise.image_drift, noise.image_yaw_drift], drift.dtype)
+    turned = turn(drift[2], moved) - moved
+    return drift + jnp.append(turned, 0) + walked * spread * normal
 
-    # Take an image when its time has come; it is lost by never entering the queue.
+
+def _next_image(
+    noise: SensorNoise, sensors: SensorState, qpos: Float[Array, " positions"], normal: Float[Array, "4"], key: Array
+) -> tuple[SensorState, _Image]:
+    """Take an image if its time has come, and deliver the one that is due, if any."""
+    dtype, drift = qpos.dtype, sensors.drift
     phase = sensors.image_phase + noise.image_rate * noise.control_period
     taken = phase >= 1
-    entered = taken & (jax.random.uniform(key_drop, (), dtype) >= noise.image_dropout)
+    # A lost image never enters the queue.
+    entered = taken & (jax.random.uniform(key, (), dtype) >= noise.image_dropout)
     slots = jnp.arange(_IN_FLIGHT)
     enters = entered & (slots == sensors.image_count % _IN_FLIGHT)
     scale = jnp.asarray([noise.image_position_std] * 3 + [noise.image_yaw_std], dtype)
     truth = jnp.concatenate([qpos[:3], yaw_of(qpos[3:7])[None]])
-    pose = truth + jnp.stack([drift[0], drift[1], jnp.zeros_like(drift[0]), drift[2]]) + scale * image_noise
+    pose = truth + jnp.stack([drift[0], drift[1], jnp.zeros_like(drift[0]), drift[2]]) + scale * normal
     poses = jnp.where(enters[:, None], pose, sensors.poses)
     ages = jnp.where(enters, 0, sensors.ages + noise.control_period)
     # The oldest image that is due; half a period of slack keeps rounding from adding a tick.
     due = jnp.isfinite(ages) & (ages >= noise.image_delay - noise.control_period / 2)
     delivered = due & (slots == jnp.argmax(jnp.where(due, ages, -1)))
-    arrived = jnp.any(due)
-    image = jnp.sum(jnp.where(delivered[:, None], poses, 0), axis=0)
-    readings = Readings(
-        gyro=qvel[3:6] + gyro_bias + noise.gyro_std * gyro_noise,
-        accelerometer=imu_acceleration + force_bias + noise.accelerometer_std * force_noise,
-        joint_positions=angles,
-        joint_velocities=qvel[6:] + noise.joint_velocity_std * rate_noise,
-        image_position=image[:3],
-        image_yaw=image[3],
-        image_age=jnp.sum(jnp.where(delivered, ages, 0)),
-        image_arrived=arrived,
+    image = _Image(
+        pose=jnp.sum(jnp.where(delivered[:, None], poses, 0), axis=0),
+        age=jnp.sum(jnp.where(delivered, ages, 0)),
+        arrived=jnp.any(due),
     )
-    return SensorState(
-        key=key,
-        accelerometer_bias=force_bias,
-        gyro_bias=gyro_bias,
-        encoder_offset=sensors.encoder_offset,
+    sensors = sensors._replace(
         image_phase=phase - taken,
         image_count=sensors.image_count + entered,
         poses=poses,
         ages=jnp.where(delivered, jnp.inf, ages),
-        drift=drift,
-    ), readings
+    )
+    return sensors, image

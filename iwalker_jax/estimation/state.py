@@ -70,12 +70,12 @@ def initial_estimate(
     quaternion = qpos[3:7]
     feet = foot_motion(legs, qpos[7:], qvel[6:]).position @ attitude.rotation_matrix(quaternion).T
     pose = jnp.concatenate([qpos[:3], attitude.yaw_of(quaternion)[None]])
-    fine, calm = jnp.zeros((), bool), jnp.zeros((), dtype)
+    no, zero = jnp.zeros((), bool), jnp.zeros((), dtype)
     return EstimatorState(
         quaternion=quaternion,
         angular_velocity=qvel[3:6],
         gyro_bias=jnp.zeros(3, dtype),
-        accelerometer_bias=calm,
+        accelerometer_bias=zero,
         position=qpos[:3],
         velocity=qvel[:3],
         feet=feet,
@@ -85,7 +85,7 @@ def initial_estimate(
         joint_velocities=qvel[6:],
         memory=jnp.tile(pose, (memory_ticks, 1)),
         image_correction=jnp.zeros(4, dtype),
-        health=Health(fine, fine, jnp.zeros(2, bool), fine, jnp.zeros(2, dtype), calm, calm),
+        health=Health(no, no, jnp.zeros(2, bool), no, jnp.zeros(2, dtype), zero, zero),
     )
 
 

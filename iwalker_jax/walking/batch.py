@@ -170,8 +170,8 @@ def _take(tree: tuple, index: Array | int) -> tuple:
 def _turned_non_finite(sample: Sample) -> Bool[np.ndarray, " batch"]:
     """Rows that hold NaN or infinity; a frozen robot repeats the tick that broke it, so it shows in the record."""
     parts = (sample.qpos, sample.com, sample.com_velocity, sample.torques, sample.forces)
-    fine = [np.isfinite(part).reshape(len(part), -1).all(axis=1) for part in parts]
-    return ~np.logical_and.reduce(fine)
+    finite = [np.isfinite(part).reshape(len(part), -1).all(axis=1) for part in parts]
+    return ~np.logical_and.reduce(finite)
 
 
 def _at_rest(sample: Sample, count: np.ndarray, interval: float) -> Bool[np.ndarray, " batch"]:

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from bruce_model import load_mujoco
 from iwalker_jax.control import (
     FootstepPlan,
     GaitParameters,
@@ -93,11 +94,18 @@ class Walk(NamedTuple):
     seconds: float
 
 
-def make_walk(motion: Motion, model: mujoco.MjModel, gait: GaitParameters, rows: int | None = None) -> Walk:
+def make_walk(
+    motion: Motion,
+    model: mujoco.MjModel | None = None,
+    gait: GaitParameters = GaitParameters(),
+    rows: int | None = None,
+) -> Walk:
     """The footstep plan of a motion; its origin, that of files too, is midway between the robot's standing feet.
 
     Args:
-        model: whose first keyframe is how the robot stands, facing along x.
+        motion: to make.
+        model: whose first keyframe is how the robot stands, facing along x; BRUCE by default.
+        gait: of the controller that shall walk it: its step time, its reach.
         rows: of the plan, so that plans match in shape; by default the next multiple of 64, so that most walks share
             their compiled programs.
 
@@ -125,7 +133,7 @@ def make_walk(motion: Motion, model: mujoco.MjModel, gait: GaitParameters, rows:
         positions, yaws = footsteps_along(path, np.cumsum(shares) * length, motion.width, Side.LEFT)
     else:
         positions, yaws, speed = _velocity_walk(motion, length, step_time)
-    feet = standing_feet(model)
+    feet = standing_feet(load_mujoco() if model is None else model)
     start = feet[:, :2].mean(axis=0)
     positions, path = positions + start, None if path is None else path + start
     check_footsteps(positions, yaws, first_swing, gait.reach, feet[other_side(first_swing)])

@@ -263,8 +263,8 @@ def push_at(conditions: Conditions, time: Float[Array, ""]) -> Float[Array, "3"]
 def has_fallen(walker: Walker, qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> Bool[Array, ""]:
     """Whether a robot lies, or its state is not finite."""
     upward = 1 - 2 * (qpos[4] ** 2 + qpos[5] ** 2)  # third diagonal element of the base's rotation
-    fine = (upward > jnp.cos(walker.fall_tilt)) & (qpos[2] > walker.fall_height * walker.robot.home[2])
-    return ~(fine & jnp.all(jnp.isfinite(qpos)) & jnp.all(jnp.isfinite(qvel)))
+    upright = (upward > jnp.cos(walker.fall_tilt)) & (qpos[2] > walker.fall_height * walker.robot.home[2])
+    return ~(upright & jnp.all(jnp.isfinite(qpos)) & jnp.all(jnp.isfinite(qvel)))
 
 
 def walk_tick(walker: Walker, conditions: Conditions, plan: FootstepPlan, state: WalkState) -> tuple[WalkState, Sample]:
