@@ -107,7 +107,8 @@ def test_the_study_asks_for_what_it_says():
         (["--friction", "1", "0.5"], "smaller first"),
         (["--motion", "path"], "give a file"),
         (["--devices", "99"], "devices"),
-        (["--scene", "office", "--policy", "nowhere"], "nowhere holds no checkpoints"),
+        (["--scene", "office", "--run", "nowhere"], "nowhere holds no checkpoints"),
+        (["--scene", "office", "--policy", "runs/mine"], "Unknown policy"),
     ],
 )
 def test_bad_options_are_one_sentence(tmp_path, capsys, options, words):
