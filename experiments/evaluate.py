@@ -32,11 +32,11 @@ from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.episodes.film import FilmSettings
 from iwalker_jax.evaluation.episodes.report import Report, write_report
 from iwalker_jax.evaluation.episodes.study import MakeProgram, Program, Progress, Study, run_study
-from iwalker_jax.evaluation.episodes.tables import COLUMNS, navigation_table
+from iwalker_jax.evaluation.episodes.tables import episode_table
 from iwalker_jax.evaluation.episodes.walks import OF, StudySettings, policy_and_networks
 from iwalker_jax.evaluation.frames.report import evaluate_all, standard_sequences
-from iwalker_jax.evaluation.frames.sequences import Sequence
-from iwalker_jax.evaluation.tables import Table, legend
+from iwalker_jax.evaluation.frames.sequences import FrameSequence
+from iwalker_jax.evaluation.tables import Table
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.planning.planner import Planner
@@ -152,13 +152,13 @@ def evaluate_frames(command: Command, planner: Planner, config: TrainConfig, out
     """The table of single frames, printed and saved; None if no frames are asked for."""
     sequences = standard_sequences(command.scenes, command.unseen_scenes, command.seed, say=say)
     if command.data is not None:
-        sequences.append(Sequence("recording", frames_from_recording(command.data, say=say), None))
+        sequences.append(FrameSequence("recording", frames_from_recording(command.data, say=say), None))
     if not sequences:
         return None
     table = evaluate_all(planner, config.models, sequences, out, say=say)
     console.print()
     say(table.text())
-    say(legend())
+    say(table.legend())
     return table
 
 
@@ -176,8 +176,9 @@ def evaluate_walks(command: Command, settings: StudySettings, planners: dict[str
         study = run_study(settings, program_maker(command, planners), out, film, show, say)
     console.print()
     if study.groups:
-        say(navigation_table(study.groups).text())
-        say(legend(COLUMNS))
+        episodes = episode_table(study.groups)
+        say(episodes.text())
+        say(episodes.legend())
     return study
 
 

@@ -19,8 +19,9 @@ import tyro
 
 from experiments.shared.console import exit_with, require_at_least, say, stopped
 from iwalker_jax.errors import InputError
+from iwalker_jax.evaluation.tables import Table
 from iwalker_jax.evaluation.walks.metrics import robot_rows, walk_metrics
-from iwalker_jax.evaluation.walks.tables import Labels, WalkTable, legend, load_table, summarise
+from iwalker_jax.evaluation.walks.tables import WalkLabels, holds, load_walk_table, summarise, with_case
 from iwalker_jax.walking.batch import WalkProgram
 from iwalker_jax.walking.commands import Motion, Walk, make_walk
 from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
@@ -164,24 +165,24 @@ def cases_of(suites: str) -> list[tuple[str, Case]]:
     return [(name, case) for name in names for case in SUITES[name]()]
 
 
-def run_study(command: Command) -> WalkTable:
+def run_study(command: Command) -> Table:
     """The cases that the tables do not hold yet, one after the other; the tables are written anew after each."""
     require_at_least(command, seeds=1, trials=1, seed=0)
     engines = ("mjx", "mujoco") if command.engine == "both" else (command.engine,)
     todo = [(suite, case, engine) for suite, case in cases_of(command.suites) for engine in engines]
     benches: dict[Sensors, Bench] = {}
-    table = load_table(command.out / "walk_study.csv")
+    table = load_walk_table(command.out / "walk_study.csv")
     for number, (suite, case, engine) in enumerate(todo, start=1):
         robots = command.trials if case.many else command.seeds
-        labels = Labels(suite, case.name, engine, str(command.seed))
-        if table.holds(labels, robots):
+        labels = WalkLabels(suite, case.name, engine, str(command.seed))
+        if holds(table, labels, robots):
             say(f"{number}/{len(todo)} {suite}, {case.name}, {engine}: is there already, {robots} robots.")
             continue
         if case.sensors not in benches:
             benches[case.sensors] = Bench(case.sensors, command.seeds, command.devices)
         began = time.perf_counter()
         row = measure(case, benches[case.sensors], engine, robots, command.seed)
-        table = WalkTable((*table.rows, (labels, row)))
+        table = with_case(table, labels, row)
         table.save(command.out, "walk_study")
         steps = row["footstep mean cm"]
         made = row["steps made %"]
@@ -203,7 +204,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return stopped("the same command goes on with the cases that the tables do not hold yet")
     say(table.text())
-    say(legend())
+    say(table.legend())
     say(f"The tables are {command.out / 'walk_study'}.txt, .md and .csv.")
     return 0
 

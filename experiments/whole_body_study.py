@@ -21,10 +21,9 @@ from experiments.shared.console import exit_with, progress_bar, require_at_least
 from experiments.train import prepare_data
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.episodes.metrics import episode_metrics, landing_errors, row_of, shortest_route
-from iwalker_jax.evaluation.episodes.tables import COLUMNS as WALK_COLUMNS
-from iwalker_jax.evaluation.episodes.tables import episode_values
+from iwalker_jax.evaluation.episodes.tables import EPISODE_COLUMNS, episode_values
 from iwalker_jax.evaluation.intervals import mean_interval
-from iwalker_jax.evaluation.tables import Column, Table, aligned_text, legend
+from iwalker_jax.evaluation.tables import Column, Table, aligned_text
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.planning.planner import Planner
@@ -44,7 +43,7 @@ ALL_TERMS = LossWeights(torque_margin=10.0, shortfall=3.0, placement=5.0)
 
 _SHOWN = ("success %", "collided %", "fell %", "SPL", "speed m/s", "torque %", "QP failed %")
 COLUMNS = (
-    *(column for column in WALK_COLUMNS if column.title in _SHOWN),
+    *(column for column in EPISODE_COLUMNS if column.title in _SHOWN),
     Column("step error cm", "between a planned footstep and where the foot landed, mean over an episode", 2),
 )
 FRAMES = 256
@@ -166,11 +165,11 @@ def main(arguments: list[str] | None = None) -> int:
         tuple(((label, str(len(values))), tuple(values)) for label, values in rows.items()),
         ("whole body", "episodes"),
         COLUMNS,
-        each="episode",
+        "episode",
     )
     table.save(command.out, f"whole_body-{command.policy}")
     say(table.text())
-    say(legend(COLUMNS))
+    say(table.legend())
     paired = [["minus without", *(column.title for column in COLUMNS)]]
     for label in list(rows)[1:]:
         paired.append([label, *(difference(rows["without"], rows[label], column) for column in COLUMNS)])

@@ -2,8 +2,7 @@
 
 import dataclasses
 import sys
-from collections.abc import Callable
-from collections.abc import Sequence as Many
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +11,10 @@ import tyro
 from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.train import prepare_data
 from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.evaluation.frames.columns import FRAME_COLUMNS, frame_values
 from iwalker_jax.evaluation.frames.report import standard_sequences
-from iwalker_jax.evaluation.frames.sequences import Sequence, evaluate_sequence
-from iwalker_jax.evaluation.tables import Table, legend, result_row
+from iwalker_jax.evaluation.frames.sequences import FrameSequence, evaluate_sequence
+from iwalker_jax.evaluation.tables import Table
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.loop import train
@@ -62,7 +62,7 @@ def study_main(
     title: str,
     description: str,
     default: StudyCommand,
-    variants_of: Callable[[TrainConfig], Many[Variant]],
+    variants_of: Callable[[TrainConfig], Sequence[Variant]],
     arguments: list[str] | None,
     also: Callable[[Table, Path], None] = lambda table, folder: None,
 ) -> int:
@@ -86,7 +86,7 @@ def study_main(
 
 
 def run_study(
-    variants: Many[Variant],
+    variants: Sequence[Variant],
     seeds: int,
     data: TrainingData,
     folder: Path,
@@ -120,12 +120,13 @@ def run_study(
             for sequence in sequences
             for variant in variants
         )
-        table = Table(rows, labels=("method", "scene"))
+        table = Table(rows, ("method", "scene"), FRAME_COLUMNS)
         table.save(folder, title)
         say(f"After {seed + 1} of {seeds} seeds:")
         say(table.text())
         also(table, folder)
-    say(legend())
+    if table is not None:
+        say(table.legend())
     say(f"The table is in {folder / title}.md and .csv (one line a seed).")
     return table
 
@@ -144,7 +145,7 @@ def _train(label: str, config: TrainConfig, data: TrainingData, folder: Path, st
     return None if result.interrupted else planner_from(config, result.state.params)
 
 
-def _score(planner: Planner, variant: Variant, sequences: list[Sequence], scores: dict) -> None:
+def _score(planner: Planner, variant: Variant, sequences: list[FrameSequence], scores: dict) -> None:
     for sequence in sequences:
         result = evaluate_sequence(planner, variant.config.models, sequence)
-        scores.setdefault((variant.label, sequence.name), []).append(result_row(result))
+        scores.setdefault((variant.label, sequence.name), []).append(frame_values(result))

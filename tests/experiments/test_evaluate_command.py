@@ -99,7 +99,7 @@ def test_networks_of_several_runs_walk_in_one_table(finished_run, pretended, tmp
         ("networks", own),
         ("networks", other),
     ]
-    with (tmp_path / "navigation.csv").open() as stream:
+    with (tmp_path / "episode_table.csv").open() as stream:
         assert {row["policy"] for row in csv.DictReader(stream)} == set(pretended)
     assert len(list((tmp_path / "sheets").glob("*.png"))) == 3
 

@@ -9,7 +9,7 @@ import pytest
 
 from experiments import walk, walk_study
 from experiments.shared.console import console
-from iwalker_jax.evaluation.walks.tables import COLUMNS
+from iwalker_jax.evaluation.walks.tables import WALK_COLUMNS
 from iwalker_jax.walking.commands import Motion
 from iwalker_jax.walking.setup import Disturbances
 from tests.experiments.commands import fails_with_one_sentence
@@ -61,7 +61,7 @@ def measured(monkeypatch):
         walked.append(case.name)
         if case.name == "c" and walked.count("c") == 1:
             raise KeyboardInterrupt
-        return dict.fromkeys([column.title for column in COLUMNS], 1.0) | {"robots": float(robots)}
+        return dict.fromkeys([column.title for column in WALK_COLUMNS], 1.0) | {"robots": float(robots)}
 
     cases = [walk_study.Case(name, Motion("stand", seconds=1.0), many=name == "b") for name in "abc"]
     monkeypatch.setattr(walk_study, "SUITES", {"small": lambda: cases})

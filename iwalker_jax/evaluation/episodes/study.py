@@ -13,7 +13,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.film import FilmSettings, write_film
 from iwalker_jax.evaluation.episodes.log import EpisodeKey, append_episodes, load_logs, log_file
 from iwalker_jax.evaluation.episodes.metrics import EpisodeMetrics, episode_metrics, judged, row_of, shortest_route
-from iwalker_jax.evaluation.episodes.tables import navigation_table
+from iwalker_jax.evaluation.episodes.tables import episode_table
 from iwalker_jax.evaluation.episodes.traces import draw_sheets, has_traces, save_traces, traces_file
 from iwalker_jax.evaluation.episodes.walks import (
     Batch,
@@ -102,9 +102,9 @@ def run_study(
 ) -> Study:
     """Walk everything that the folder's log does not hold yet, and write log, tables, sheets and films.
 
-    A batch of which an episode or a trace is missing is walked again, and comes out as before. After every batch the
-    log episodes.csv has grown and the tables navigation.md and .csv are new. Of several processes each walks its share
-    and logs it in a file of its own; they part at the end, and process 0 goes on alone to draw what all have walked.
+    A batch of which an episode or a trace is missing is run again, and comes out as before. After every batch the log
+    episodes.csv has grown and the table episode_table is written anew. Of several processes each runs its share and
+    logs it in a file of its own; they part at the end, and process 0 goes on alone to draw what all have run.
 
     Args:
         settings: what is walked.
@@ -156,7 +156,7 @@ def run_study(
             save_traces(traces_file(folder, settings, policy, batch), record)
             append_episodes(log, rows)
             if is_first():
-                navigation_table(grouped(settings, walks, load_logs(folder))).save(folder, "navigation")
+                episode_table(grouped(settings, walks, load_logs(folder))).save(folder, "episode_table")
         done += size
         on_progress(Progress(done, total, policy, 0))
     barrier()
@@ -174,7 +174,7 @@ def run_study(
         )
     study.groups = grouped(settings, walks, known)
     with study.timed("figures, tables and sheets"):
-        navigation_table(study.groups).save(folder, "navigation")
+        episode_table(study.groups).save(folder, "episode_table")
         study.sheets = draw_sheets(settings, batches, folder)
     if film is not None:
         study.films = make_films(settings, batches, make_program, folder, film, study, say)

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure, show_on_ground
-from iwalker_jax.evaluation.frames.sequences import Sequence, SequenceResult
+from iwalker_jax.evaluation.frames.sequences import FrameSequence, SequenceResult
 from iwalker_jax.geometry.sides import footstep_signs
 
 _VIEW = (-0.6, 5.0, 2.4)
 """[m] rear, front and half width of the ground shown."""
 
 
-def save_sheet(sequence: Sequence, result: SequenceResult, file: Path, frames: int = 6) -> None:
+def save_sheet(sequence: FrameSequence, result: SequenceResult, file: Path, frames: int = 6) -> None:
     """Write a PNG with `frames` evenly spaced frames of a sequence, one a column.
 
     Args:
@@ -52,7 +52,7 @@ def _title(result: SequenceResult) -> str:
     return text
 
 
-def _depth(axis, sequence: Sequence, result: SequenceResult, i: int) -> None:
+def _depth(axis, sequence: FrameSequence, result: SequenceResult, i: int) -> None:
     axis.imshow(np.ma.masked_equal(sequence.frames.depth_metres()[i], 0.0), vmin=0.0, vmax=6.0, cmap="viridis_r")
     axis.set_xticks([])
     axis.set_yticks([])

@@ -37,7 +37,7 @@ from iwalker_jax.streams import SEQUENCE_PATHS, UNSEEN_LAYOUTS, UNSEEN_PATHS
 _BATCH = 16
 
 
-class Sequence(NamedTuple):
+class FrameSequence(NamedTuple):
     """Frames to evaluate on and the scenes they were taken in (None for real recordings)."""
 
     name: str
@@ -77,7 +77,7 @@ class SequenceResult:
     maps: LocalMap
 
 
-def record_held_out_sequence(name: str, frames: int = 60, seed: int = 0) -> Sequence:
+def record_held_out_sequence(name: str, frames: int = 60, seed: int = 0) -> FrameSequence:
     """The named test sequence (stair, office, corridor, corner): noisy frames along its route, goal at its end."""
     if name not in SEQUENCE_NAMES:
         raise InputError(f"Unknown test scene {name!r}; choose one of {', '.join(SEQUENCE_NAMES)}.")
@@ -88,12 +88,12 @@ def record_held_out_sequence(name: str, frames: int = 60, seed: int = 0) -> Sequ
     )
     if path is None:
         raise InputError(f"The route of test scene {name!r} does not fit the robot.")
-    return Sequence(name, path, (sequence.scene,))
+    return FrameSequence(name, path, (sequence.scene,))
 
 
 def record_unseen_scenes(
     scenes: int = 60, frames_per_scene: int = 5, seed: int = 0, on_progress: Callable[[int], None] = lambda done: None
-) -> Sequence:
+) -> FrameSequence:
     """Camera paths through scenes of the held-out generator, which no training seed can produce."""
     parts: list[FrameSet] = []
     kept: list[Scene] = []
@@ -107,13 +107,13 @@ def record_unseen_scenes(
             parts.append(path)
             kept.append(scene)
             on_progress(len(parts))
-    return Sequence("unseen", concatenate(parts), tuple(kept))
+    return FrameSequence("unseen", concatenate(parts), tuple(kept))
 
 
 def evaluate_sequence(
     planner: Planner,
     models: PlannerModels,
-    sequence: Sequence,
+    sequence: FrameSequence,
     goal_index: int = 0,
     intrinsics: Intrinsics = Intrinsics(),
     seed: int = 0,

@@ -68,7 +68,7 @@ def test_every_policy_walks_every_task_in_batches(finished):
 
 def test_tables_and_sheets_are_there(finished):
     folder, _, study, _, _ = finished
-    assert "| default | corridor | 3 |" in (folder / "navigation.md").read_text()
+    assert "| default | corridor | 3 |" in (folder / "episode_table.md").read_text()
     assert len(study.sheets) == 4 and all(file.exists() for _, file in study.sheets)
     assert set(study.seconds) >= {"making tasks", "building policies", "walking", "figures, tables and sheets"}
 
@@ -110,7 +110,7 @@ def test_a_stopped_study_goes_on_where_it_was(finished, tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         run_study(SETTINGS, Stopped(), tmp_path, None)
-    assert "| classical |" not in (tmp_path / "navigation.md").read_text()
+    assert "| classical |" not in (tmp_path / "episode_table.md").read_text()
     maker = Maker()
     study = run_study(SETTINGS, maker, tmp_path, None)
     assert maker.made == [("classical", 3, False)]
