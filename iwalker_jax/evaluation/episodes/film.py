@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -20,7 +19,6 @@ from iwalker_jax.film.recorded_motion import check_motion, smooth_track
 from iwalker_jax.film.rendering import VideoSettings, open_renderer, set_configuration
 from iwalker_jax.film.video import write_frames
 from iwalker_jax.geometry import host
-from iwalker_jax.geometry.planar import to_base
 from iwalker_jax.geometry.sides import side_of_step
 from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
 from iwalker_jax.scenes.mjcf import obstacle_geoms
@@ -210,7 +208,7 @@ def _mapped(
 def _plan_from(pose: Float[np.ndarray, " 3"], task: Task, episode: EpisodeRecord, i: int) -> Plan:
     goal = task.goals[min(int(episode.goal[i]), len(task.goals) - 1)]
     plan = (episode.path[i], episode.footsteps[i], goal[None])
-    path, steps, goal = (np.nan_to_num(np.asarray(to_base(jnp.asarray(pose), jnp.asarray(p)))) for p in plan)
+    path, steps, goal = (np.nan_to_num(host.to_base(pose, np.asarray(p))) for p in plan)
     return Plan(path, steps, goal[0], planned_sides(episode, i))
 
 

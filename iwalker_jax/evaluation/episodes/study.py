@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -183,13 +184,9 @@ def run_batches(
             runner = make_runner(policy, settings.width, False)
         for _, batch in own:
             tasks = [episode.task for episode in batch.episodes]
-            limit = sum(task.time_limit for task in tasks)
-
-            def report(seconds: float, running: int, done=done, size=len(tasks), limit=limit, policy=policy) -> None:
-                share = int(size * min(seconds / limit, 0.99))
-                on_progress(StudyProgress(done + share, total, policy, running))
-
-            on_progress(StudyProgress(done, total, policy, len(tasks)))
+            begun = StudyProgress(done, total, policy, len(tasks))
+            on_progress(begun)
+            report = partial(_report, on_progress, begun, sum(task.time_limit for task in tasks))
             with study.running(runner):
                 record = runner.run(tasks, batch.seed, on_progress=report)
             with study.timed(_FIGURES):
@@ -198,6 +195,14 @@ def run_batches(
                 save_table()
             done += len(tasks)
             on_progress(StudyProgress(done, total, policy, 0))
+
+
+def _report(
+    on_progress: Callable[[StudyProgress], None], begun: StudyProgress, limit: float, seconds: float, running: int
+) -> None:
+    """Progress within a batch that has begun: its episodes count by the share of their time limits [s] that is run."""
+    share = int(begun.running * min(seconds / limit, 0.99))
+    on_progress(begun._replace(done=begun.done + share, running=running))
 
 
 def _log_rows(

@@ -101,7 +101,7 @@ def true_metrics(
     pose: Float[Array, " 3"],
     scene: SceneArrays,
     shortest: RouteMap,
-    body_radius: float,
+    body_radius: float | Float[Array, ""],
 ) -> TrueMetrics:
     """Ground truth of one plan.
 
@@ -131,7 +131,11 @@ def true_metrics(
 
 
 def goal_in_view(
-    goal: Float[Array, " 2"], pose: Float[Array, " 3"], scene: SceneArrays, half_view: float, range_limit: float
+    goal: Float[Array, " 2"],
+    pose: Float[Array, " 3"],
+    scene: SceneArrays,
+    half_view: float | Float[Array, ""],
+    range_limit: float,
 ) -> Bool[Array, ""]:
     """Whether a goal lies in the camera's field of view with nothing in between, by ground truth.
 
