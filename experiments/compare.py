@@ -10,8 +10,8 @@ from pathlib import Path
 
 from experiments.shared.console import say
 from experiments.shared.training_study import StudyCommand, Variant, study_main
-from iwalker_jax.evaluation.frames.paper_tables import paper_text, save_paper_tables
-from iwalker_jax.evaluation.tables import Table
+from iwalker_jax.evaluation import Table
+from iwalker_jax.evaluation.frames import paper_text, save_paper_tables
 from iwalker_jax.training.config import TrainConfig
 
 NOTE = (

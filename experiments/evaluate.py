@@ -29,14 +29,22 @@ from experiments.shared.console import (
 from experiments.shared.planners import planner_of
 from iwalker_jax.data.from_recording import frames_from_recording
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.evaluation.episodes.film import FilmSettings
-from iwalker_jax.evaluation.episodes.report import Report, write_report
-from iwalker_jax.evaluation.episodes.schedule import NETWORKS_MARK, StudySettings, policy_and_networks
-from iwalker_jax.evaluation.episodes.study import EpisodeRunner, MakeRunner, Study, StudyProgress, run_episode_study
-from iwalker_jax.evaluation.episodes.tables import episode_table
-from iwalker_jax.evaluation.frames.report import evaluate_all, standard_sequences
-from iwalker_jax.evaluation.frames.sequences import FrameSequence
-from iwalker_jax.evaluation.tables import Table
+from iwalker_jax.evaluation import Table
+from iwalker_jax.evaluation.episodes import (
+    NETWORKS_MARK,
+    EpisodeRunner,
+    FilmSettings,
+    MakeRunner,
+    Report,
+    Study,
+    StudyProgress,
+    StudySettings,
+    episode_table,
+    policy_and_networks,
+    run_episode_study,
+    write_report,
+)
+from iwalker_jax.evaluation.frames import FrameSequence, evaluate_all, standard_sequences
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.planning.planner import Planner

@@ -25,7 +25,7 @@ from experiments.shared.walk_options import EpisodeOptions, SharedOptions, WalkO
 from experiments.shared.walk_output import film, print_figures, push_forces, save_figures, save_pictures
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.evaluation.walks.metrics import robot_rows, walk_metrics, walk_record
+from iwalker_jax.evaluation.walks import robot_rows, walk_metrics, walk_record
 from iwalker_jax.walking.batch import BatchResult, WalkProgram
 from iwalker_jax.walking.commands import Walk, make_walk
 from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco

@@ -19,9 +19,16 @@ import tyro
 
 from experiments.shared.console import exit_with, require_at_least, say, stopped
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.tables import Table
-from iwalker_jax.evaluation.walks.metrics import robot_rows, walk_metrics
-from iwalker_jax.evaluation.walks.tables import WalkLabels, holds, load_walk_table, summarise, with_case
+from iwalker_jax.evaluation import Table
+from iwalker_jax.evaluation.walks import (
+    WalkLabels,
+    has_case,
+    load_walk_table,
+    robot_rows,
+    summarise,
+    walk_metrics,
+    with_case,
+)
 from iwalker_jax.walking.batch import WalkProgram
 from iwalker_jax.walking.commands import Motion, Walk, make_walk
 from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
@@ -175,7 +182,7 @@ def run_study(command: Command) -> Table:
     for number, (suite, case, engine) in enumerate(todo, start=1):
         robots = command.trials if case.many else command.seeds
         labels = WalkLabels(suite, case.name, engine, str(command.seed))
-        if holds(table, labels, robots):
+        if has_case(table, labels, robots):
             say(f"{number}/{len(todo)} {suite}, {case.name}, {engine}: is there already, {robots} robots.")
             continue
         if case.sensors not in benches:

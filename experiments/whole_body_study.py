@@ -20,10 +20,15 @@ import tyro
 from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.train import prepare_data
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.evaluation.episodes.metrics import episode_metrics, landing_errors, row_of, shortest_route
-from iwalker_jax.evaluation.episodes.tables import EPISODE_COLUMNS, episode_values
-from iwalker_jax.evaluation.intervals import mean_interval
-from iwalker_jax.evaluation.tables import Column, Table, aligned_text
+from iwalker_jax.evaluation import Column, Table, aligned_text, mean_interval
+from iwalker_jax.evaluation.episodes import (
+    EPISODE_COLUMNS,
+    episode_metrics,
+    episode_values,
+    landing_errors,
+    row_of,
+    shortest_route,
+)
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.planning.planner import Planner

@@ -13,10 +13,16 @@ from experiments.shared.planners import planner_of
 from experiments.shared.walk_options import EpisodeOptions, SharedOptions
 from experiments.shared.walk_output import finite_or_none
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.episodes.film import write_film
-from iwalker_jax.evaluation.episodes.metrics import episode_metrics, judged, row_of
-from iwalker_jax.evaluation.episodes.pictures import save_episode
-from iwalker_jax.evaluation.episodes.surface_distance import AROUND, original_surface, surface_distance
+from iwalker_jax.evaluation.episodes import (
+    AROUND,
+    episode_metrics,
+    judged,
+    least_surface_distance,
+    original_surface,
+    row_of,
+    save_episode,
+    write_film,
+)
 from iwalker_jax.navigation.body_volume import BodyVolume
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
@@ -142,7 +148,7 @@ def _surface_distance(file: Path, volume: BodyVolume, episode: EpisodeRecord) ->
     """[m] from the walked body to what the file itself describes; says it."""
     qpos = np.asarray(episode.qpos, np.float64)
     qpos = qpos[np.isfinite(qpos).all(axis=1)]
-    distance = surface_distance(original_surface(file), volume, load_mujoco(), qpos) if len(qpos) else math.nan
+    distance = least_surface_distance(original_surface(file), volume, load_mujoco(), qpos) if len(qpos) else math.nan
     words = f"{100 * distance:.1f} cm" if math.isfinite(distance) else f"more than {AROUND:g} m"
     say(f"Least distance to the surfaces of {file.name} itself {words}.")
     return distance

@@ -11,10 +11,14 @@ import tyro
 from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.train import prepare_data
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.evaluation.frames.columns import FRAME_COLUMNS, frame_values
-from iwalker_jax.evaluation.frames.report import standard_sequences
-from iwalker_jax.evaluation.frames.sequences import FrameSequence, evaluate_sequence
-from iwalker_jax.evaluation.tables import Table
+from iwalker_jax.evaluation import Table
+from iwalker_jax.evaluation.frames import (
+    FRAME_COLUMNS,
+    FrameSequence,
+    evaluate_sequence,
+    frame_values,
+    standard_sequences,
+)
 from iwalker_jax.planning.planner import Planner
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.loop import train

@@ -8,10 +8,7 @@ import numpy as np
 
 from experiments.shared.console import say
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.walks.metrics import WalkMetrics, speed_error
-from iwalker_jax.evaluation.walks.pictures import save_walk_sheet
-from iwalker_jax.evaluation.walks.tables import summarise
-from iwalker_jax.evaluation.walks.traces import save_trace_grid
+from iwalker_jax.evaluation.walks import WalkMetrics, save_trace_grid, save_walk_sheet, speed_error, summarise
 from iwalker_jax.film.rendering import Overlays
 from iwalker_jax.film.video import play_motion, write_video
 from iwalker_jax.runtime.files import write_json, write_npz

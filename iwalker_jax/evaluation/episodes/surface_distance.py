@@ -46,7 +46,7 @@ def original_surface(path: str | PathLike) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def surface_distance(
+def least_surface_distance(
     surface: trimesh.Trimesh, volume: BodyVolume, model: mujoco.MjModel, qpos: Float[np.ndarray, "n nq"]
 ) -> float:
     """Least distance [m] between a body's volume in given states and a surface; infinite beyond `AROUND`.

@@ -85,7 +85,7 @@ def _max(values: Sequence[float] | np.ndarray) -> float:
     return float(usable.max()) if len(usable) else float("nan")
 
 
-EMPTY = Table((), WalkLabels._fields, WALK_COLUMNS, sample=None)
+EMPTY_WALK_TABLE = Table((), WalkLabels._fields, WALK_COLUMNS, sample=None)
 """The table of walks before any case is measured."""
 
 
@@ -95,20 +95,20 @@ def with_case(table: Table, labels: WalkLabels, values: dict[str, float]) -> Tab
 
 
 def load_walk_table(file: Path) -> Table:
-    """The table of a CSV file that a table of walks was saved to; `EMPTY` if there is no file.
+    """The table of a CSV file that a table of walks was saved to; `EMPTY_WALK_TABLE` if there is no file.
 
     Raises:
         InputError: a file with other columns, or cells that are not numbers.
     """
     if not file.exists():
-        return EMPTY
+        return EMPTY_WALK_TABLE
     with file.open(newline="") as stream:
         header, *lines = list(csv.reader(stream)) or [[]]
     try:
-        if header != EMPTY.header():
+        if header != EMPTY_WALK_TABLE.header():
             raise ValueError
         count, titles = len(WalkLabels._fields), [column.title for column in WALK_COLUMNS]
-        table = EMPTY
+        table = EMPTY_WALK_TABLE
         for line in lines:
             values = dict(zip(titles, map(float, line[count:]), strict=True))
             table = with_case(table, WalkLabels(*line[:count]), values)
@@ -119,6 +119,6 @@ def load_walk_table(file: Path) -> Table:
         ) from None
 
 
-def holds(table: Table, labels: WalkLabels, robots: int) -> bool:
+def has_case(table: Table, labels: WalkLabels, robots: int) -> bool:
     """Whether a table of walks has a row of these walks by as many robots."""
     return any(own == labels and values["robots"] == robots for own, (values,) in table.rows)

@@ -8,7 +8,14 @@ import pytest
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks.metrics import find_landings, robot_rows, speed_error, walk_metrics, walk_record
-from iwalker_jax.evaluation.walks.tables import EMPTY, WalkLabels, holds, load_walk_table, summarise, with_case
+from iwalker_jax.evaluation.walks.tables import (
+    EMPTY_WALK_TABLE,
+    WalkLabels,
+    has_case,
+    load_walk_table,
+    summarise,
+    with_case,
+)
 from iwalker_jax.geometry.sides import Side
 from iwalker_jax.walking.rollout import Sample
 
@@ -147,7 +154,7 @@ def test_tables_gather_robots_and_can_be_read_back(tmp_path):
     assert row["footstep mean cm"] == pytest.approx(10 / 12) and row["footstep max cm"] == pytest.approx(1.0)
     assert row["steps made %"] == pytest.approx((100 + 20) / 2)
     labels = WalkLabels("nominal", "straight", "mjx", "7")
-    table = with_case(EMPTY, labels, row)
+    table = with_case(EMPTY_WALK_TABLE, labels, row)
     table.save(tmp_path, "study")
     with (tmp_path / "study.csv").open() as stream:
         (line,) = csv.DictReader(stream)
@@ -156,7 +163,11 @@ def test_tables_gather_robots_and_can_be_read_back(tmp_path):
     again = load_walk_table(tmp_path / "study.csv")
     assert again.rows[0][0] == labels and again.text() == table.text()
     assert again.rows[0][1][0] == pytest.approx(row, abs=0, nan_ok=True)
-    assert holds(again, labels, 2) and not holds(again, labels, 3) and not holds(again, labels._replace(seed="8"), 2)
+    assert (
+        has_case(again, labels, 2)
+        and not has_case(again, labels, 3)
+        and not has_case(again, labels._replace(seed="8"), 2)
+    )
 
 
 def test_a_robot_that_stops_early_has_not_made_its_steps():
@@ -177,7 +188,7 @@ def test_other_tables_are_refused(tmp_path, text):
     assert load_walk_table(file).rows == ()
     if text is None:
         row = summarise([walk_metrics(walk_of(straight_plan(10, 0.04)), straight_plan(10, 0.04), LIMITS, STEP_TIME)])
-        with_case(EMPTY, WalkLabels("nominal", "straight", "mjx", "0"), row).save(tmp_path, "walk_study")
+        with_case(EMPTY_WALK_TABLE, WalkLabels("nominal", "straight", "mjx", "0"), row).save(tmp_path, "walk_study")
         text = file.read_text()[:-40]
     file.write_text(text)
     with pytest.raises(InputError, match="move it away"):
