@@ -13,7 +13,7 @@ from experiments.shared.training_study import StudyCommand, Variant, study_main
 from iwalker_jax.training.config import TrainConfig
 
 
-def variants(config: TrainConfig) -> tuple[Variant, ...]:
+def ablation_variants(config: TrainConfig) -> tuple[Variant, ...]:
     """The default and what it is without one of its parts.
 
     unrolled, stopped: the other two gradients of both MPCs, `stopped` being the published one.
@@ -44,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
         "ablation",
         "Train the planner without one of its parts at a time, with several seeds each, and print one table.",
         StudyCommand(out=Path("runs/ablation"), epochs=15),
-        variants,
+        ablation_variants,
         arguments,
     )
 

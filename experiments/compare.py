@@ -23,7 +23,7 @@ NOTE = (
 """What a reader of the tables must know of the rows."""
 
 
-def variants(config: TrainConfig) -> tuple[Variant, ...]:
+def method_variants(config: TrainConfig) -> tuple[Variant, ...]:
     """Untrained networks; the heuristic baseline, whose waypoints are free as published; its fine-tuning with U_path
     added; PPO on the planner's own network and costs; and the planner."""
     free = dataclasses.replace(config.planner.ipath, even=False)
@@ -55,7 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
         "compare",
         "Train the planner and the paper's baselines with several seeds each; print and save Tables I to III.",
         StudyCommand(out=Path("runs/compare")),
-        variants,
+        method_variants,
         arguments,
         show_paper_tables,
     )

@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 import tyro
 
 from experiments.shared.console import (
-    Advance,
+    ShowProgress,
     come_together,
     console,
     exit_with,
@@ -175,7 +175,7 @@ def evaluate_episodes(command: Command, settings: StudySettings, planners: dict[
     """The episodes, progress shown, and their table printed."""
     film = FilmSettings() if command.videos else None
     with ExitStack() as stack:
-        bars: list[Advance] = []
+        bars: list[ShowProgress] = []
 
         def show(progress: StudyProgress) -> None:
             if not bars:

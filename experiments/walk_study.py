@@ -132,7 +132,7 @@ class Command:
     devices: int | None = None
 
 
-class Bench:
+class CompiledWalker:
     """The robot with one kind of sensors, and its one compiled program."""
 
     def __init__(self, sensors: Sensors, width: int, devices: int | None) -> None:
@@ -152,13 +152,13 @@ def _on_mujoco(walker: Walker, model: mujoco.MjModel, walk: Walk, conditions: Co
     return jax.tree.map(np.asarray, sample)
 
 
-def measure(case: Case, bench: Bench, engine: str, robots: int, seed: int) -> dict[str, float]:
+def measure(case: Case, compiled: CompiledWalker, engine: str, robots: int, seed: int) -> dict[str, float]:
     """Walk one case and return its figures by column title."""
-    controller = bench.walker.controller
+    controller = compiled.walker.controller
     step_time = float(controller.gait.hlip.step_time)
-    walk = make_walk(case.motion, bench.model, controller.gait, _ROWS)
-    conditions = sample_conditions(bench.walker.robot, case.disturbances, robots, seed, step_time)
-    sample = bench.walk(engine, walk, conditions)
+    walk = make_walk(case.motion, compiled.model, controller.gait, _ROWS)
+    conditions = sample_conditions(compiled.walker.robot, case.disturbances, robots, seed, step_time)
+    sample = compiled.walk(engine, walk, conditions)
     limits = np.asarray(controller.actuation.limits)
     return summarise([walk_metrics(robot_rows(sample, k), walk.plan, limits, step_time) for k in range(robots)])
 
@@ -172,12 +172,12 @@ def cases_of(suites: str) -> list[tuple[str, Case]]:
     return [(name, case) for name in names for case in SUITES[name]()]
 
 
-def run_study(command: Command) -> Table:
+def run_walk_study(command: Command) -> Table:
     """The cases that the tables do not hold yet, one after the other; the tables are written anew after each."""
     require_at_least(command, seeds=1, trials=1, seed=0)
     engines = ("mjx", "mujoco") if command.engine == "both" else (command.engine,)
     todo = [(suite, case, engine) for suite, case in cases_of(command.suites) for engine in engines]
-    benches: dict[Sensors, Bench] = {}
+    walkers: dict[Sensors, CompiledWalker] = {}
     table = load_walk_table(command.out / "walk_study.csv")
     for number, (suite, case, engine) in enumerate(todo, start=1):
         robots = command.trials if case.many else command.seeds
@@ -185,10 +185,10 @@ def run_study(command: Command) -> Table:
         if has_case(table, labels, robots):
             say(f"{number}/{len(todo)} {suite}, {case.name}, {engine}: is there already, {robots} robots.")
             continue
-        if case.sensors not in benches:
-            benches[case.sensors] = Bench(case.sensors, command.seeds, command.devices)
+        if case.sensors not in walkers:
+            walkers[case.sensors] = CompiledWalker(case.sensors, command.seeds, command.devices)
         began = time.perf_counter()
-        row = measure(case, benches[case.sensors], engine, robots, command.seed)
+        row = measure(case, walkers[case.sensors], engine, robots, command.seed)
         table = with_case(table, labels, row)
         table.save(command.out, "walk_study")
         steps = row["footstep mean cm"]
@@ -205,7 +205,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     command = tyro.cli(Command, args=given)
     try:
-        table = run_study(command)
+        table = run_walk_study(command)
     except (InputError, OSError) as error:
         exit_with(error)
     except KeyboardInterrupt:

@@ -80,7 +80,7 @@ class Command:
     weights: LossWeights = field(default_factory=lambda: ALL_TERMS)
 
 
-def variants(command: Command) -> dict[str, TrainConfig]:
+def weight_variants(command: Command) -> dict[str, TrainConfig]:
     """Configurations by label."""
     config = TrainConfig(epochs=command.epochs, seed=command.seed)
     config = dataclasses.replace(config, source=dataclasses.replace(config.source, frames=command.frames))
@@ -146,7 +146,7 @@ def main(arguments: list[str] | None = None) -> int:
         require_at_least(command, epochs=1, frames=1, tasks=1, seed=0)
         if command.policy not in POLICIES:
             raise InputError(f"Unknown policy {command.policy!r}; choose one of {', '.join(POLICIES)}.")
-        configs = variants(command)
+        configs = weight_variants(command)
         data = prepare_data(configs["without"])
         planners = {}
         for label, config in configs.items():

@@ -81,7 +81,9 @@ def study_main(
         config = TrainConfig(epochs=command.epochs)
         config = dataclasses.replace(config, source=dataclasses.replace(config.source, frames=command.frames))
         data = prepare_data(config)
-        table = run_study(variants_of(config), command.seeds, data, command.out, command.unseen_scenes, title, also)
+        table = run_training_study(
+            variants_of(config), command.seeds, data, command.out, command.unseen_scenes, title, also
+        )
     except (InputError, CheckpointError, FloatingPointError, OSError) as error:
         exit_with(error)
     except KeyboardInterrupt:
@@ -89,7 +91,7 @@ def study_main(
     return 130 if table is None else 0
 
 
-def run_study(
+def run_training_study(
     variants: Sequence[Variant],
     seeds: int,
     data: TrainingData,

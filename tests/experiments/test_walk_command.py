@@ -57,7 +57,7 @@ def measured(monkeypatch):
     """Three cases that only pretend to be walked; the names of those that were, "c" being stopped the first time."""
     walked = []
 
-    def measure(case, bench, engine, robots, seed):
+    def measure(case, walker, engine, robots, seed):
         walked.append(case.name)
         if case.name == "c" and walked.count("c") == 1:
             raise KeyboardInterrupt
@@ -66,7 +66,7 @@ def measured(monkeypatch):
     cases = [walk_study.Case(name, Motion("stand", seconds=1.0), many=name == "b") for name in "abc"]
     monkeypatch.setattr(walk_study, "SUITES", {"small": lambda: cases})
     monkeypatch.setattr(walk_study, "measure", measure)
-    monkeypatch.setattr(walk_study, "Bench", lambda *arguments: None)
+    monkeypatch.setattr(walk_study, "CompiledWalker", lambda *arguments: None)
     return walked
 
 
