@@ -1,6 +1,6 @@
 """Ablation of gradients, terms and maps, one change at a time: python -m experiments.ablation [--seeds 3]."""
 
-from iwalker_jax.runtime.settings import configure_runtime
+from iwalker_jax.runtime import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.shared.training_study import StudyCommand, Variant, study_main
-from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training import TrainConfig
 
 
 def ablation_variants(config: TrainConfig) -> tuple[Variant, ...]:

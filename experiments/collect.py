@@ -2,7 +2,7 @@
 
 import sys
 
-from iwalker_jax.runtime.settings import configure_runtime, requested_devices
+from iwalker_jax.runtime import configure_runtime, requested_devices
 
 if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
@@ -18,15 +18,14 @@ import tyro
 
 from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.shared.planners import planner_of
-from iwalker_jax.data.frame_set import FrameSet, concatenate, load_frames, save_frames
-from iwalker_jax.data.from_episodes import frames_from_episodes
+from iwalker_jax.data import FrameSet, concatenate, frames_from_episodes, load_frames, save_frames
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.navigation.record import Outcome
-from iwalker_jax.runtime.files import write_json
+from iwalker_jax.runtime import write_json
 from iwalker_jax.streams import COLLECTION_TASKS
-from iwalker_jax.tasks.generated import training_task
+from iwalker_jax.tasks import training_task
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Tables I to III: the planner and its baselines on the same frames and seeds: python -m experiments.compare."""
 
-from iwalker_jax.runtime.settings import configure_runtime
+from iwalker_jax.runtime import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
@@ -12,7 +12,7 @@ from experiments.shared.console import say
 from experiments.shared.training_study import StudyCommand, Variant, study_main
 from iwalker_jax.evaluation import Table
 from iwalker_jax.evaluation.frames import paper_text, save_paper_tables
-from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training import TrainConfig
 
 NOTE = (
     "iwalker and ppo space their waypoints evenly by construction, which is all that Table III measures; the two "

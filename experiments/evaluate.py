@@ -2,8 +2,8 @@
 
 import sys
 
-from iwalker_jax.film.headless import configure_rendering
-from iwalker_jax.runtime.settings import configure_runtime, requested_devices
+from iwalker_jax.film import configure_rendering
+from iwalker_jax.runtime import configure_runtime, requested_devices
 
 if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
@@ -27,7 +27,7 @@ from experiments.shared.console import (
     stopped,
 )
 from experiments.shared.planners import planner_of
-from iwalker_jax.data.from_recording import frames_from_recording
+from iwalker_jax.data import frames_from_recording
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation import Table
 from iwalker_jax.evaluation.episodes import (
@@ -48,10 +48,9 @@ from iwalker_jax.evaluation.frames import FrameSequence, evaluate_all, standard_
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.planning.planner import Planner
-from iwalker_jax.runtime.devices import machine
-from iwalker_jax.runtime.processes import ProcessGroup, barrier, exit_process, is_first
-from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES
-from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.runtime import ProcessGroup, barrier, exit_process, is_first, machine
+from iwalker_jax.scenes import SEQUENCE_NAMES
+from iwalker_jax.training import TrainConfig
 
 
 @dataclass(frozen=True)

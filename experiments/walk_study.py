@@ -2,7 +2,7 @@
 
 import sys
 
-from iwalker_jax.runtime.settings import configure_runtime, requested_devices
+from iwalker_jax.runtime import configure_runtime, requested_devices
 
 if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))

@@ -92,7 +92,7 @@ __all__ = [
 _HOMES = {
     "api": "EpisodesResult WalkResult load_planner run_episodes walk",
     "errors": "CheckpointError InputError",
-    "evaluation": "draw_plan",
+    "evaluation.frames": "draw_plan",
     "navigation.record": "Outcome",
     "optimization": (
         "GradientMode HlipParameters QuadraticProgram Solution Status StepMpcWeights UnicycleParameters "

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.processes import ProcessGroup, exit_process, is_first, join_group
+from iwalker_jax.runtime import ProcessGroup, exit_process, is_first, join_group
 
 console = Console(highlight=False)
 

@@ -27,12 +27,12 @@ from iwalker_jax.navigation.body_volume import BodyVolume
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
-from iwalker_jax.runtime.files import write_json
+from iwalker_jax.runtime import write_json
+from iwalker_jax.scenes import Scene
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene
 from iwalker_jax.scenes.imported.voxel_boxes import Bounds
 from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS
-from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.tasks.named import TASK_NAMES, named_task
+from iwalker_jax.tasks import TASK_NAMES, Task, named_task
 from iwalker_jax.tasks.routes import (
     PACE,
     clearances,
@@ -40,7 +40,6 @@ from iwalker_jax.tasks.routes import (
     single_precision,
     time_limit,
 )
-from iwalker_jax.tasks.task import Task
 from iwalker_jax.walking.setup import Disturbances
 
 _DETOUR = 2.0

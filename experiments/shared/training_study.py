@@ -20,10 +20,7 @@ from iwalker_jax.evaluation.frames import (
     standard_sequences,
 )
 from iwalker_jax.planning.planner import Planner
-from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.loop import train
-from iwalker_jax.training.maps import TrainingData
-from iwalker_jax.training.train_step import make_planner, planner_from
+from iwalker_jax.training import TrainConfig, TrainingData, make_planner, planner_from, train
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from iwalker_jax.evaluation.intervals import wilson_interval
-from iwalker_jax.runtime.files import write_csv, write_text
+from iwalker_jax.runtime import write_csv, write_text
 
 
 @dataclass(frozen=True)

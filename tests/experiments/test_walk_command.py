@@ -28,7 +28,7 @@ def test_a_walk_leaves_figures_pictures_and_records(tmp_path):
     assert 0 < summary["figures"]["torque peak %"] <= 100
     with np.load(tmp_path / "samples.npz") as record:
         assert record["qpos"].shape[0] == 2 and np.isfinite(record["qpos"]).all()
-        assert np.all((record["met_friction"] >= 0.5) & (record["met_friction"] <= 1.0))
+        assert np.all((record["conditions_friction"] >= 0.5) & (record["conditions_friction"] <= 1.0))
     for name in ("walk.png", "traces.png"):
         assert cv2.imread(str(tmp_path / name)).std() > 5
 

@@ -15,8 +15,8 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.geometry import host
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
-from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.tasks.task import Task
+from iwalker_jax.scenes import Scene
+from iwalker_jax.tasks import Task
 
 OUTCOME_COLOURS = {
     Outcome.RUNNING: "0.45",
@@ -154,9 +154,9 @@ def draw_scene(axis: Axes, scene: Scene) -> None:
     patches = [Polygon(box_corners(row)) for row in boxes] + [Circle((x, y), r) for x, y, _, r, _ in cylinders]
     centre = np.concatenate([boxes[:, 2], cylinders[:, 2]])
     half = np.concatenate([boxes[:, 5], cylinders[:, 4]])
-    met = (centre - half < _BAND[1]) & (centre + half > _BAND[0])
+    in_the_way = (centre - half < _BAND[1]) & (centre + half > _BAND[0])
     for solid, face, edge, order in ((False, "#e3e1da", "#c9c6bb", 1), (True, "#8b8f98", "#5d616b", 2)):
-        chosen = [patch for patch, inside in zip(patches, met) if inside == solid]
+        chosen = [patch for patch, inside in zip(patches, in_the_way) if inside == solid]
         axis.add_collection(PatchCollection(chosen, facecolor=face, edgecolor=edge, linewidth=0.6, zorder=order))
     axis.set_xlim(x_min - _MARGIN, x_max + _MARGIN)
     axis.set_ylim(y_min - _MARGIN, y_max + _MARGIN)

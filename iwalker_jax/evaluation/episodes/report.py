@@ -11,7 +11,7 @@ from iwalker_jax.evaluation.episodes.study import Study
 from iwalker_jax.evaluation.episodes.tables import episode_table, failures
 from iwalker_jax.evaluation.tables import Table, markdown_table
 from iwalker_jax.navigation.record import SENTENCES, Outcome
-from iwalker_jax.runtime.files import write_text
+from iwalker_jax.runtime import write_text
 
 _COLOURS = {
     Outcome.REACHED: "#3f9b57",

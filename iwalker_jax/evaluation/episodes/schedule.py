@@ -9,9 +9,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.log import EpisodeKey
 from iwalker_jax.navigation.navigators import POLICIES
 from iwalker_jax.streams import STUDY_TASKS, mixed_seed
-from iwalker_jax.tasks.generated import generated_tasks
-from iwalker_jax.tasks.named import TASK_NAMES, named_task
-from iwalker_jax.tasks.task import Task
+from iwalker_jax.tasks import TASK_NAMES, Task, generated_tasks, named_task
 
 GENERATED = "generated"
 """The set of episodes in scenes that training never shows."""

@@ -11,8 +11,8 @@ from iwalker_jax.evaluation.episodes.metrics import judged, row_of
 from iwalker_jax.evaluation.episodes.pictures import save_episode_grid
 from iwalker_jax.evaluation.episodes.schedule import EpisodeBatch, StudySettings
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
-from iwalker_jax.runtime.files import write_npz
-from iwalker_jax.tasks.task import Task
+from iwalker_jax.runtime import write_npz
+from iwalker_jax.tasks import Task
 
 _PANELS = 16  # episodes on a sheet
 

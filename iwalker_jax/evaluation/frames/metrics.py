@@ -5,17 +5,13 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from iwalker_jax.geometry.norms import safe_norm
-from iwalker_jax.geometry.planar import to_world
-from iwalker_jax.geometry.splines import arc_length, resample_by_arc_length
+from iwalker_jax.geometry import arc_length, resample_by_arc_length, safe_norm, to_world
 from iwalker_jax.optimization import initial_state_from_reference, solve_step_mpc, solve_unicycle
+from iwalker_jax.perception import PUBLISHED_GRID, sample_bilinear
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
-from iwalker_jax.perception.grid import PUBLISHED_GRID
-from iwalker_jax.perception.map_sampling import sample_bilinear
 from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes
-from iwalker_jax.scenes.routes import RouteMap, cost_at, straight_line_clearance
-from iwalker_jax.scenes.scene import SceneArrays, obstacle_distance
+from iwalker_jax.scenes import RouteMap, SceneArrays, cost_at, obstacle_distance, straight_line_clearance
 
 GOAL_TOLERANCE = 0.3
 """[m] from the goal within which a path counts as reaching it."""

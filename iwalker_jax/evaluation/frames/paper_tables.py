@@ -7,8 +7,8 @@ import numpy as np
 
 from iwalker_jax.evaluation.frames.columns import FRAME_COLUMNS
 from iwalker_jax.evaluation.tables import Table, aligned_text, markdown_table, spread
-from iwalker_jax.runtime.files import write_csv, write_text
-from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES
+from iwalker_jax.runtime import write_csv, write_text
+from iwalker_jax.scenes import SEQUENCE_NAMES
 
 _DECIMALS = 3
 

@@ -14,7 +14,7 @@ from iwalker_jax.evaluation.frames.sequences import (
 from iwalker_jax.evaluation.tables import Table
 from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import Planner
-from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES
+from iwalker_jax.scenes import SEQUENCE_NAMES
 
 
 def standard_sequences(

@@ -10,9 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
-from iwalker_jax.data.camera_path import record_camera_path
-from iwalker_jax.data.frame_set import FrameSet, concatenate
-from iwalker_jax.data.path_sampling import CameraPathSampling
+from iwalker_jax.data import CameraPathSampling, FrameSet, concatenate, record_camera_path
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.frames.metrics import (
     PlanMetrics,
@@ -22,17 +20,13 @@ from iwalker_jax.evaluation.frames.metrics import (
     plan_metrics,
     true_metrics,
 )
-from iwalker_jax.geometry.planar import to_world
-from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.perception.local_map import LocalMap, build_local_map
+from iwalker_jax.geometry import to_world
+from iwalker_jax.perception import Intrinsics, LocalMap, build_local_map
 from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import Plan, Planner
 from iwalker_jax.planning.robot_state import sample_robot_state
 from iwalker_jax.planning.split_module import SplitModule, split_module
-from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
-from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, held_out_sequence
-from iwalker_jax.scenes.routes import shortest_distance
-from iwalker_jax.scenes.scene import Scene, SceneArrays
+from iwalker_jax.scenes import SEQUENCE_NAMES, Scene, SceneArrays, held_out_scene, held_out_sequence, shortest_distance
 from iwalker_jax.streams import SEQUENCE_PATHS, UNSEEN_LAYOUTS, UNSEEN_PATHS
 
 _BATCH = 16
