@@ -9,7 +9,7 @@ from flax import nnx
 
 from experiments.shared.console import say
 from iwalker_jax.errors import InputError
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning import Planner
 from iwalker_jax.training import TrainConfig, load_planner, load_run, planner_from
 
 

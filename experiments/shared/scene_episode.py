@@ -40,7 +40,7 @@ from iwalker_jax.tasks.routes import (
     single_precision,
     time_limit,
 )
-from iwalker_jax.walking.setup import Disturbances
+from iwalker_jax.walking import Disturbances
 
 _DETOUR = 2.0
 """Length of the way, by that of the straight line, that is allowed to where no route leads."""

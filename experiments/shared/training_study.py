@@ -19,7 +19,7 @@ from iwalker_jax.evaluation.frames import (
     frame_values,
     standard_sequences,
 )
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning import Planner
 from iwalker_jax.training import TrainConfig, TrainingData, make_planner, planner_from, train
 
 

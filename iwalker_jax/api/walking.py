@@ -9,7 +9,7 @@ import numpy as np
 
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.walks.metrics import WalkMetrics, robot_rows, walk_metrics, walk_record
+from iwalker_jax.evaluation.walks import WalkMetrics, robot_rows, walk_metrics, walk_record
 from iwalker_jax.walking.batch import BatchResult, WalkProgram
 from iwalker_jax.walking.commands import Motion, MotionKind, Walk, make_walk
 from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco

@@ -26,8 +26,7 @@ from iwalker_jax.film import (
     smooth_track,
     write_frames,
 )
-from iwalker_jax.geometry import host
-from iwalker_jax.geometry.sides import side_of_step
+from iwalker_jax.geometry import host, side_of_step
 from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
 from iwalker_jax.scenes import Scene
 from iwalker_jax.scenes.mjcf import obstacle_geoms

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from iwalker_jax.evaluation.projection import floor_pixels
-from iwalker_jax.geometry.sides import Side
+from iwalker_jax.geometry import Side
 from iwalker_jax.navigation.map_memory import MapMemoryParameters
 from iwalker_jax.perception import Intrinsics
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure, show_on_ground
 from iwalker_jax.evaluation.frames.sequences import FrameSequence, SequenceResult
-from iwalker_jax.geometry.sides import footstep_signs
+from iwalker_jax.geometry import footstep_signs
 
 _VIEW = (-0.6, 5.0, 2.4)
 """[m] rear, front and half width of the ground shown."""

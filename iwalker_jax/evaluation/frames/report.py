@@ -12,8 +12,7 @@ from iwalker_jax.evaluation.frames.sequences import (
     record_unseen_scenes,
 )
 from iwalker_jax.evaluation.tables import Table
-from iwalker_jax.planning.models import PlannerModels
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning import Planner, PlannerModels
 from iwalker_jax.scenes import SEQUENCE_NAMES
 
 

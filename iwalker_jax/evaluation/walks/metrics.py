@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from iwalker_jax.control.footstep_plan import FootstepPlan
-from iwalker_jax.geometry import host
-from iwalker_jax.geometry.sides import side_of_step
+from iwalker_jax.geometry import host, side_of_step
 from iwalker_jax.walking.record import TimedFootsteps, WalkRecord
 from iwalker_jax.walking.rollout import Sample
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
-from iwalker_jax.geometry.sides import Side
+from iwalker_jax.geometry import Side
 from iwalker_jax.walking.record import WalkRecord
 
 _MARK_LENGTH = 0.045
