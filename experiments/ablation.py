@@ -1,6 +1,6 @@
 """Ablation of gradients, terms and maps, one change at a time: python -m experiments.ablation [--seeds 3]."""
 
-from iwalker_jax.runtime.settings import configure_runtime
+from iwalker_jax.runtime import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from experiments.shared.training_study import StudyCommand, Variant, study_main
-from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training import TrainConfig
 
 
-def variants(config: TrainConfig) -> tuple[Variant, ...]:
+def ablation_variants(config: TrainConfig) -> tuple[Variant, ...]:
     """The default and what it is without one of its parts.
 
     unrolled, stopped: the other two gradients of both MPCs, `stopped` being the published one.
@@ -44,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
         "ablation",
         "Train the planner without one of its parts at a time, with several seeds each, and print one table.",
         StudyCommand(out=Path("runs/ablation"), epochs=15),
-        variants,
+        ablation_variants,
         arguments,
     )
 

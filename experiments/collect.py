@@ -1,8 +1,8 @@
-"""Collect training frames from the robot's own walks: python -m experiments.collect --run runs/default."""
+"""Collect training frames from the robot's own episodes: python -m experiments.collect --run runs/default."""
 
 import sys
 
-from iwalker_jax.runtime.settings import configure_runtime, requested_devices
+from iwalker_jax.runtime import configure_runtime, requested_devices
 
 if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
@@ -18,15 +18,14 @@ import tyro
 
 from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.shared.planners import planner_of
-from iwalker_jax.data.frame_set import FrameSet, concatenate, load_frames, save_frames
-from iwalker_jax.data.from_episodes import frames_from_episodes
+from iwalker_jax.data import FrameSet, concatenate, frames_from_episodes, load_frames, save_frames
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.navigation.record import Outcome
-from iwalker_jax.runtime.files import write_json
+from iwalker_jax.runtime import write_json
 from iwalker_jax.streams import COLLECTION_TASKS
-from iwalker_jax.tasks.generated import training_task
+from iwalker_jax.tasks import training_task
 
 
 @dataclass(frozen=True)
@@ -34,22 +33,22 @@ class Command:
     """Let the robot walk in training scenes, none of which is used in any evaluation, and keep what its camera saw.
 
     Train on the frames with `python -m experiments.train --source.episodes FILE`; no labels are needed. What is
-    walked is kept batch by batch: the same command goes on where it was stopped.
+    recorded is kept batch by batch: the same command goes on where it was stopped.
 
     Attributes:
         run: folder of a training run; the planner that ships with the package if left out.
         out: file to write; until it is complete, finished batches are in a folder beside it that ends in .parts.
-        tasks: number of walks.
-        seconds: longest walk.
+        tasks: number of episodes.
+        seconds: longest episode.
         stride: camera frames from one that is kept to the next.
-        policy: who walks: default, networks, published or classical; see experiments.evaluate.
-        width: walks at a time.
+        policy: how to navigate: default, networks, published or classical; see experiments.evaluate.
+        width: episodes at a time.
         devices: number of devices, all by default; on a CPU that many are made of its cores.
         seed: of tasks, noise and goals.
     """
 
     run: Path | None = None
-    out: Path = Path("runs/walks.npz")
+    out: Path = Path("runs/episodes.npz")
     tasks: int = 60
     seconds: float = 25.0
     stride: int = 12
@@ -67,12 +66,12 @@ def main(arguments: list[str] | None = None) -> int:
     except (InputError, CheckpointError, OSError) as error:
         exit_with(error)
     except KeyboardInterrupt:
-        return stopped("the same command goes on with the batches that are not walked yet")
+        return stopped("the same command goes on with the batches that are not recorded yet")
     return 0
 
 
 def collect(command: Command) -> None:
-    """Walk, keep frames, say what came out."""
+    """Run the episodes, keep frames, say what came out."""
     require_at_least(command, tasks=1, stride=1, width=1, seed=0)
     if not command.seconds > 0 or command.policy not in POLICIES:
         raise InputError(
@@ -85,7 +84,7 @@ def collect(command: Command) -> None:
     folder = parts_folder(command, name, program.width)
     parts: list[FrameSet] = []
     ends: Counter[str] = Counter()
-    with progress_bar("walks", command.tasks) as show:
+    with progress_bar("episodes", command.tasks) as show:
         for first in range(0, command.tasks, program.width):
             file, numbers = folder / f"{first}.npz", range(first, min(first + program.width, command.tasks))
             if not file.exists():
@@ -103,14 +102,14 @@ def collect(command: Command) -> None:
     save_frames(frames, command.out)
     shutil.rmtree(folder)
     counts = ", ".join(f"{ends[end]} {end}" for end in sorted(ends))
-    say(f"{len(frames)} frames of {command.tasks} walks ({counts}) are in {command.out}.")
+    say(f"{len(frames)} frames of {command.tasks} episodes ({counts}) are in {command.out}.")
 
 
 def parts_folder(command: Command, planner: str, width: int) -> Path:
     """The folder of finished batches; says what it holds.
 
     Raises:
-        InputError: if they were walked with other options, or by other networks.
+        InputError: if they were recorded with other options, or by other networks.
     """
     folder = command.out.with_suffix(".parts")
     folder.mkdir(parents=True, exist_ok=True)
@@ -120,7 +119,9 @@ def parts_folder(command: Command, planner: str, width: int) -> Path:
     if not any(folder.iterdir()):
         write_json(settings, wanted)
     elif not settings.exists() or json.loads(settings.read_text()) != wanted:
-        raise InputError(f"{folder} holds something else or walks with other options; move it or choose another --out.")
+        raise InputError(
+            f"{folder} holds something else or episodes with other options; move it or choose another --out."
+        )
     finished = sum(file.stem.isdigit() for file in folder.glob("*.npz"))
     if finished:
         say(f"{finished} batches are there already.")

@@ -1,6 +1,6 @@
 """Tables I to III: the planner and its baselines on the same frames and seeds: python -m experiments.compare."""
 
-from iwalker_jax.runtime.settings import configure_runtime
+from iwalker_jax.runtime import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
@@ -10,9 +10,9 @@ from pathlib import Path
 
 from experiments.shared.console import say
 from experiments.shared.training_study import StudyCommand, Variant, study_main
-from iwalker_jax.evaluation.frames.paper_tables import paper_text, save_paper_tables
-from iwalker_jax.evaluation.tables import Table
-from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.evaluation import Table
+from iwalker_jax.evaluation.frames import paper_text, save_paper_tables
+from iwalker_jax.training import TrainConfig
 
 NOTE = (
     "iwalker and ppo space their waypoints evenly by construction, which is all that Table III measures; the two "
@@ -23,7 +23,7 @@ NOTE = (
 """What a reader of the tables must know of the rows."""
 
 
-def variants(config: TrainConfig) -> tuple[Variant, ...]:
+def method_variants(config: TrainConfig) -> tuple[Variant, ...]:
     """Untrained networks; the heuristic baseline, whose waypoints are free as published; its fine-tuning with U_path
     added; PPO on the planner's own network and costs; and the planner."""
     free = dataclasses.replace(config.planner.ipath, even=False)
@@ -55,7 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
         "compare",
         "Train the planner and the paper's baselines with several seeds each; print and save Tables I to III.",
         StudyCommand(out=Path("runs/compare")),
-        variants,
+        method_variants,
         arguments,
         show_paper_tables,
     )

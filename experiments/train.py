@@ -28,9 +28,7 @@ from experiments.shared.console import (
 )
 from iwalker_jax.data.sources import load_training_frames
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.evaluation.frames.report import evaluate_all, standard_sequences
-from iwalker_jax.evaluation.frames.sequences import Sequence
-from iwalker_jax.evaluation.tables import legend
+from iwalker_jax.evaluation.frames import FrameSequence, evaluate_all, standard_sequences
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.runtime.files import write_json
 from iwalker_jax.runtime.processes import ProcessGroup, barrier, exit_process, is_first
@@ -164,7 +162,7 @@ def main(arguments: list[str] | None = None) -> int:
         sequences = standard_sequences(unseen_scenes=command.unseen_scenes, say=say)
         if command.config.source.folder is not None:
             frames = load_training_frames(command.config.source, say=lambda sentence: None)
-            sequences.append(Sequence("recording", frames, None))
+            sequences.append(FrameSequence("recording", frames, None))
         table = evaluate_all(planner, command.config.models, sequences, command.out / "evaluation", say=say)
     except (InputError, CheckpointError, FloatingPointError, OSError) as error:
         exit_with(error)
@@ -172,7 +170,7 @@ def main(arguments: list[str] | None = None) -> int:
         return stopped("the same command goes on from the newest checkpoint")
     console.print()
     say(table.text())
-    say(legend())
+    say(table.legend())
     say(f"Pictures and tables are in {command.out / 'evaluation'}.")
     say(f"All done in {(time.perf_counter() - began) / 60:.1f} minutes.")
     if result.unsaved is not None:

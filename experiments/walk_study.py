@@ -2,7 +2,7 @@
 
 import sys
 
-from iwalker_jax.runtime.settings import configure_runtime, requested_devices
+from iwalker_jax.runtime import configure_runtime, requested_devices
 
 if __name__ == "__main__":
     configure_runtime(requested_devices(sys.argv))
@@ -19,22 +19,21 @@ import tyro
 
 from experiments.shared.console import exit_with, require_at_least, say, stopped
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.walks.metrics import robot_rows, walk_metrics
-from iwalker_jax.evaluation.walks.tables import Labels, WalkTable, legend, load_table, summarise
-from iwalker_jax.walking import (
-    Conditions,
-    Disturbances,
-    Motion,
-    Sample,
-    Sensors,
-    Walk,
-    Walker,
-    WalkProgram,
-    default_walker,
-    make_walk,
-    roll_out_mujoco,
-    sample_conditions,
+from iwalker_jax.evaluation import Table
+from iwalker_jax.evaluation.walks import (
+    WalkLabels,
+    has_case,
+    load_walk_table,
+    robot_rows,
+    summarise,
+    walk_metrics,
+    with_case,
 )
+from iwalker_jax.walking import Disturbances, Sensors, default_walker, sample_conditions
+from iwalker_jax.walking.batch import WalkProgram
+from iwalker_jax.walking.commands import Motion, Walk, make_walk
+from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
+from iwalker_jax.walking.rollout import Conditions, Sample, Walker
 
 _EVERY = 10  # ticks between two records
 _ROWS = 320  # of all plans: 3 m at 0.05 m/s take 260 footsteps
@@ -133,7 +132,7 @@ class Command:
     devices: int | None = None
 
 
-class Bench:
+class CompiledWalker:
     """The robot with one kind of sensors, and its one compiled program."""
 
     def __init__(self, sensors: Sensors, width: int, devices: int | None) -> None:
@@ -153,13 +152,13 @@ def _on_mujoco(walker: Walker, model: mujoco.MjModel, walk: Walk, conditions: Co
     return jax.tree.map(np.asarray, sample)
 
 
-def measure(case: Case, bench: Bench, engine: str, robots: int, seed: int) -> dict[str, float]:
+def measure(case: Case, compiled: CompiledWalker, engine: str, robots: int, seed: int) -> dict[str, float]:
     """Walk one case and return its figures by column title."""
-    controller = bench.walker.controller
+    controller = compiled.walker.controller
     step_time = float(controller.gait.hlip.step_time)
-    walk = make_walk(case.motion, bench.model, controller.gait, _ROWS)
-    conditions = sample_conditions(bench.walker.robot, case.disturbances, robots, seed, step_time)
-    sample = bench.walk(engine, walk, conditions)
+    walk = make_walk(case.motion, compiled.model, controller.gait, _ROWS)
+    conditions = sample_conditions(compiled.walker.robot, case.disturbances, robots, seed, step_time)
+    sample = compiled.walk(engine, walk, conditions)
     limits = np.asarray(controller.actuation.limits)
     return summarise([walk_metrics(robot_rows(sample, k), walk.plan, limits, step_time) for k in range(robots)])
 
@@ -173,24 +172,24 @@ def cases_of(suites: str) -> list[tuple[str, Case]]:
     return [(name, case) for name in names for case in SUITES[name]()]
 
 
-def run_study(command: Command) -> WalkTable:
+def run_walk_study(command: Command) -> Table:
     """The cases that the tables do not hold yet, one after the other; the tables are written anew after each."""
     require_at_least(command, seeds=1, trials=1, seed=0)
     engines = ("mjx", "mujoco") if command.engine == "both" else (command.engine,)
     todo = [(suite, case, engine) for suite, case in cases_of(command.suites) for engine in engines]
-    benches: dict[Sensors, Bench] = {}
-    table = load_table(command.out / "walk_study.csv")
+    walkers: dict[Sensors, CompiledWalker] = {}
+    table = load_walk_table(command.out / "walk_study.csv")
     for number, (suite, case, engine) in enumerate(todo, start=1):
         robots = command.trials if case.many else command.seeds
-        labels = Labels(suite, case.name, engine, str(command.seed))
-        if table.holds(labels, robots):
+        labels = WalkLabels(suite, case.name, engine, str(command.seed))
+        if has_case(table, labels, robots):
             say(f"{number}/{len(todo)} {suite}, {case.name}, {engine}: is there already, {robots} robots.")
             continue
-        if case.sensors not in benches:
-            benches[case.sensors] = Bench(case.sensors, command.seeds, command.devices)
+        if case.sensors not in walkers:
+            walkers[case.sensors] = CompiledWalker(case.sensors, command.seeds, command.devices)
         began = time.perf_counter()
-        row = measure(case, benches[case.sensors], engine, robots, command.seed)
-        table = WalkTable((*table.rows, (labels, row)))
+        row = measure(case, walkers[case.sensors], engine, robots, command.seed)
+        table = with_case(table, labels, row)
         table.save(command.out, "walk_study")
         steps = row["footstep mean cm"]
         made = row["steps made %"]
@@ -206,13 +205,13 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     command = tyro.cli(Command, args=given)
     try:
-        table = run_study(command)
+        table = run_walk_study(command)
     except (InputError, OSError) as error:
         exit_with(error)
     except KeyboardInterrupt:
         return stopped("the same command goes on with the cases that the tables do not hold yet")
     say(table.text())
-    say(legend())
+    say(table.legend())
     say(f"The tables are {command.out / 'walk_study'}.txt, .md and .csv.")
     return 0
 

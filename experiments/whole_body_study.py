@@ -20,11 +20,15 @@ import tyro
 from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.train import prepare_data
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.evaluation.episodes.metrics import episode_metrics, landing_errors, row_of, shortest_route
-from iwalker_jax.evaluation.episodes.tables import COLUMNS as WALK_COLUMNS
-from iwalker_jax.evaluation.episodes.tables import episode_values
-from iwalker_jax.evaluation.intervals import mean_interval
-from iwalker_jax.evaluation.tables import Column, Table, aligned_text, legend
+from iwalker_jax.evaluation import Column, Table, aligned_text, mean_interval
+from iwalker_jax.evaluation.episodes import (
+    EPISODE_COLUMNS,
+    episode_metrics,
+    episode_values,
+    landing_errors,
+    row_of,
+    shortest_route,
+)
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import POLICIES, make_navigator
 from iwalker_jax.planning.planner import Planner
@@ -44,7 +48,7 @@ ALL_TERMS = LossWeights(torque_margin=10.0, shortfall=3.0, placement=5.0)
 
 _SHOWN = ("success %", "collided %", "fell %", "SPL", "speed m/s", "torque %", "QP failed %")
 COLUMNS = (
-    *(column for column in WALK_COLUMNS if column.title in _SHOWN),
+    *(column for column in EPISODE_COLUMNS if column.title in _SHOWN),
     Column("step error cm", "between a planned footstep and where the foot landed, mean over an episode", 2),
 )
 FRAMES = 256
@@ -76,7 +80,7 @@ class Command:
     weights: LossWeights = field(default_factory=lambda: ALL_TERMS)
 
 
-def variants(command: Command) -> dict[str, TrainConfig]:
+def weight_variants(command: Command) -> dict[str, TrainConfig]:
     """Configurations by label."""
     config = TrainConfig(epochs=command.epochs, seed=command.seed)
     config = dataclasses.replace(config, source=dataclasses.replace(config.source, frames=command.frames))
@@ -142,7 +146,7 @@ def main(arguments: list[str] | None = None) -> int:
         require_at_least(command, epochs=1, frames=1, tasks=1, seed=0)
         if command.policy not in POLICIES:
             raise InputError(f"Unknown policy {command.policy!r}; choose one of {', '.join(POLICIES)}.")
-        configs = variants(command)
+        configs = weight_variants(command)
         data = prepare_data(configs["without"])
         planners = {}
         for label, config in configs.items():
@@ -166,11 +170,11 @@ def main(arguments: list[str] | None = None) -> int:
         tuple(((label, str(len(values))), tuple(values)) for label, values in rows.items()),
         ("whole body", "episodes"),
         COLUMNS,
-        each="episode",
+        "episode",
     )
     table.save(command.out, f"whole_body-{command.policy}")
     say(table.text())
-    say(legend(COLUMNS))
+    say(table.legend())
     paired = [["minus without", *(column.title for column in COLUMNS)]]
     for label in list(rows)[1:]:
         paired.append([label, *(difference(rows["without"], rows[label], column) for column in COLUMNS)])

@@ -13,7 +13,7 @@ from iwalker_jax.version import __version__ as __version__
 if TYPE_CHECKING:
     from iwalker_jax.api import EpisodesResult, WalkResult, load_planner, run_episodes, walk
     from iwalker_jax.errors import CheckpointError, InputError
-    from iwalker_jax.evaluation import draw_plan
+    from iwalker_jax.evaluation.frames import draw_plan
     from iwalker_jax.navigation.record import Outcome
     from iwalker_jax.optimization import (
         GradientMode,
@@ -92,7 +92,7 @@ __all__ = [
 _HOMES = {
     "api": "EpisodesResult WalkResult load_planner run_episodes walk",
     "errors": "CheckpointError InputError",
-    "evaluation": "draw_plan",
+    "evaluation.frames": "draw_plan",
     "navigation.record": "Outcome",
     "optimization": (
         "GradientMode HlipParameters QuadraticProgram Solution Status StepMpcWeights UnicycleParameters "

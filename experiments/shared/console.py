@@ -10,19 +10,19 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.processes import ProcessGroup, exit_process, is_first, join_group
+from iwalker_jax.runtime import ProcessGroup, exit_process, is_first, join_group
 
 console = Console(highlight=False)
 
 
-class Advance(Protocol):
+class ShowProgress(Protocol):
     """Moves a progress bar to `done` with a note beside it."""
 
     def __call__(self, done: int, note: str = "") -> None: ...
 
 
 @contextmanager
-def progress_bar(title: str, total: int) -> Iterator[Advance]:
+def progress_bar(title: str, total: int) -> Iterator[ShowProgress]:
     """A bar that the block advances by calling the yielded function with (done, note)."""
     columns = (
         TextColumn("{task.description}"),

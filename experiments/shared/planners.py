@@ -9,11 +9,8 @@ from flax import nnx
 
 from experiments.shared.console import say
 from iwalker_jax.errors import InputError
-from iwalker_jax.planning.planner import Planner
-from iwalker_jax.training.checkpoints import load_run
-from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.pretrained import load_planner
-from iwalker_jax.training.train_step import planner_from
+from iwalker_jax.planning import Planner
+from iwalker_jax.training import TrainConfig, load_planner, load_run, planner_from
 
 
 def planner_of(run: Path | None, checkpoint: int | None = None) -> tuple[Planner, TrainConfig, str]:

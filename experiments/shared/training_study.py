@@ -2,8 +2,7 @@
 
 import dataclasses
 import sys
-from collections.abc import Callable
-from collections.abc import Sequence as Many
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,14 +11,16 @@ import tyro
 from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
 from experiments.train import prepare_data
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.evaluation.frames.report import standard_sequences
-from iwalker_jax.evaluation.frames.sequences import Sequence, evaluate_sequence
-from iwalker_jax.evaluation.tables import Table, legend, result_row
-from iwalker_jax.planning.planner import Planner
-from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.loop import train
-from iwalker_jax.training.maps import TrainingData
-from iwalker_jax.training.train_step import make_planner, planner_from
+from iwalker_jax.evaluation import Table
+from iwalker_jax.evaluation.frames import (
+    FRAME_COLUMNS,
+    FrameSequence,
+    evaluate_sequence,
+    frame_values,
+    standard_sequences,
+)
+from iwalker_jax.planning import Planner
+from iwalker_jax.training import TrainConfig, TrainingData, make_planner, planner_from, train
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def study_main(
     title: str,
     description: str,
     default: StudyCommand,
-    variants_of: Callable[[TrainConfig], Many[Variant]],
+    variants_of: Callable[[TrainConfig], Sequence[Variant]],
     arguments: list[str] | None,
     also: Callable[[Table, Path], None] = lambda table, folder: None,
 ) -> int:
@@ -77,7 +78,9 @@ def study_main(
         config = TrainConfig(epochs=command.epochs)
         config = dataclasses.replace(config, source=dataclasses.replace(config.source, frames=command.frames))
         data = prepare_data(config)
-        table = run_study(variants_of(config), command.seeds, data, command.out, command.unseen_scenes, title, also)
+        table = run_training_study(
+            variants_of(config), command.seeds, data, command.out, command.unseen_scenes, title, also
+        )
     except (InputError, CheckpointError, FloatingPointError, OSError) as error:
         exit_with(error)
     except KeyboardInterrupt:
@@ -85,8 +88,8 @@ def study_main(
     return 130 if table is None else 0
 
 
-def run_study(
-    variants: Many[Variant],
+def run_training_study(
+    variants: Sequence[Variant],
     seeds: int,
     data: TrainingData,
     folder: Path,
@@ -120,12 +123,13 @@ def run_study(
             for sequence in sequences
             for variant in variants
         )
-        table = Table(rows, labels=("method", "scene"))
+        table = Table(rows, ("method", "scene"), FRAME_COLUMNS)
         table.save(folder, title)
         say(f"After {seed + 1} of {seeds} seeds:")
         say(table.text())
         also(table, folder)
-    say(legend())
+    if table is not None:
+        say(table.legend())
     say(f"The table is in {folder / title}.md and .csv (one line a seed).")
     return table
 
@@ -144,7 +148,7 @@ def _train(label: str, config: TrainConfig, data: TrainingData, folder: Path, st
     return None if result.interrupted else planner_from(config, result.state.params)
 
 
-def _score(planner: Planner, variant: Variant, sequences: list[Sequence], scores: dict) -> None:
+def _score(planner: Planner, variant: Variant, sequences: list[FrameSequence], scores: dict) -> None:
     for sequence in sequences:
         result = evaluate_sequence(planner, variant.config.models, sequence)
-        scores.setdefault((variant.label, sequence.name), []).append(result_row(result))
+        scores.setdefault((variant.label, sequence.name), []).append(frame_values(result))

@@ -8,14 +8,13 @@ import numpy as np
 
 from experiments.shared.console import say
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.walks.metrics import WalkMetrics, speed_error
-from iwalker_jax.evaluation.walks.pictures import save_walk_sheet
-from iwalker_jax.evaluation.walks.tables import summarise
-from iwalker_jax.evaluation.walks.traces import save_trace_grid
-from iwalker_jax.film.rendering import Overlays
-from iwalker_jax.film.video import play_motion, write_video
-from iwalker_jax.runtime.files import write_json, write_npz
-from iwalker_jax.walking import BatchResult, Conditions, Walk, WalkRecord
+from iwalker_jax.evaluation.walks import WalkMetrics, save_trace_grid, save_walk_sheet, speed_error, summarise
+from iwalker_jax.film import Overlays, play_motion, write_video
+from iwalker_jax.runtime import write_json, write_npz
+from iwalker_jax.walking.batch import BatchResult
+from iwalker_jax.walking.commands import Walk
+from iwalker_jax.walking.record import WalkRecord
+from iwalker_jax.walking.rollout import Conditions
 
 _ERRORS = (("footstep", "Footstep error", "cm"), ("COM", "COM error", "cm"), ("heading", "Heading error", "deg"))
 
@@ -79,9 +78,9 @@ def save_figures(
         "robot-seconds a second": result.robot_seconds_per_second,
     }
     write_json(folder / "summary.json", summary)
-    met = {f"met_{name}": value for name, value in conditions._asdict().items() if name != "key"}
+    drawn = {f"conditions_{name}": value for name, value in conditions._asdict().items() if name != "key"}
     plan = {f"plan_{name}": value for name, value in walk.plan._asdict().items()}
-    write_npz(folder / "samples.npz", result.sample._asdict() | plan | met)
+    write_npz(folder / "samples.npz", result.sample._asdict() | plan | drawn)
 
 
 def finite_or_none(value: float) -> float | None:

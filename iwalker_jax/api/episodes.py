@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from iwalker_jax.api.planner import load_with_config
-from iwalker_jax.evaluation.episodes.metrics import EpisodeMetrics, episode_metrics, judged, row_of
+from iwalker_jax.evaluation.episodes import EpisodeMetrics, episode_metrics, judged, row_of
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.faults import Faults
 from iwalker_jax.navigation.navigators import make_navigator

@@ -1,8 +1,18 @@
-"""Metrics, tables and pictures of trained planners."""
+"""What plans, walks and episodes are worth: tables, intervals and pictures; a room for each of the three."""
 
-from iwalker_jax.evaluation.episodes.pictures import save_episode
-from iwalker_jax.evaluation.frames.plan_picture import draw_plan
-from iwalker_jax.evaluation.walks.pictures import save_walk_sheet
-from iwalker_jax.evaluation.walks.traces import save_trace_grid
+from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
+from iwalker_jax.evaluation.intervals import mean_interval, wilson_interval
+from iwalker_jax.evaluation.tables import Column, Table, aligned_text, markdown_table, spread
 
-__all__ = ["draw_plan", "save_episode", "save_trace_grid", "save_walk_sheet"]
+__all__ = [
+    "FOOT_COLOURS",
+    "Column",
+    "Table",
+    "aligned_text",
+    "markdown_table",
+    "mean_interval",
+    "pyplot",
+    "save_figure",
+    "spread",
+    "wilson_interval",
+]

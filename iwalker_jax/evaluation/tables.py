@@ -1,14 +1,13 @@
-"""Tables of results as text, Markdown and CSV, with mean and spread over seeds, frames or episodes."""
+"""Tables of results as text, Markdown and CSV, with mean and spread over seeds or episodes."""
 
-from collections.abc import Sequence as Rows
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from iwalker_jax.evaluation.frames.sequences import SequenceResult
 from iwalker_jax.evaluation.intervals import wilson_interval
-from iwalker_jax.runtime.files import write_csv, write_text
+from iwalker_jax.runtime import write_csv, write_text
 
 
 @dataclass(frozen=True)
@@ -24,64 +23,27 @@ class Column:
     rate: bool = False
 
 
-COLUMNS = (
-    Column("feasibility", "1000 x MSE between path and unicycle optimum, lower is better", 3),
-    Column("collision", "published map summed over the footsteps, lower is better", 3),
-    Column("stability", "1000 x variance of the relative waypoint interval, lower is better", 3),
-    Column("H-LIP cost", "cost of the step MPC that follows the footsteps, lower is better", 3),
-    Column("steps hit %", "footsteps where the body's footprint touches the true scene", 2),
-    Column("paths hit %", "paths on which the footprint touches the true scene anywhere", 1),
-    Column("reach %", "goals in view that the path ends within 0.3 m of", 1),
-    Column("progress %", "goals out of view towards which the path shortens the true route", 1),
-    Column("served %", "both kinds of goals together", 1),
-)
-
-
-def result_row(result: SequenceResult) -> dict[str, float]:
-    """Means over the frames of one sequence, by column title; NaN where a column does not apply."""
-    row = {
-        "feasibility": float(np.mean(result.plan.feasibility)),
-        "collision": float(np.mean(result.plan.collision)),
-        "stability": float(np.mean(result.plan.stability)),
-        "H-LIP cost": float(np.mean(result.plan.hlip_cost)),
-    }
-    truth, view, served = result.truth, result.in_view, result.served
-    if truth is None or view is None or served is None:
-        return row | {column.title: float("nan") for column in COLUMNS if column.title not in row}
-    return row | {
-        "steps hit %": 100.0 * float(np.mean(truth.footsteps_in_collision)),
-        "paths hit %": 100.0 * float(np.mean(truth.path_collides)),
-        "reach %": _percent(served[view]),
-        "progress %": _percent(served[~view]),
-        "served %": _percent(served),
-    }
-
-
-def _percent(flags: np.ndarray) -> float:
-    return 100.0 * float(np.mean(flags)) if len(flags) else float("nan")
-
-
 @dataclass(frozen=True)
 class Table:
-    """Rows of (method, scene) with the values of every seed.
+    """Labelled rows with the values of every sample: of every seed, say, or of every episode.
 
     Attributes:
-        rows: (labels, one dictionary of column values a seed).
+        rows: (labels, one dictionary of values by column title a sample).
         labels: titles of the label columns.
         columns: of the values.
-        each: what there is one dictionary of.
+        sample: what there is one dictionary of; None where a row has one alone, whose number then is not written.
     """
 
     rows: tuple[tuple[tuple[str, ...], tuple[dict[str, float], ...]], ...]
-    labels: tuple[str, ...] = ("scene",)
-    columns: tuple[Column, ...] = COLUMNS
-    each: str = "seed"
+    labels: tuple[str, ...]
+    columns: tuple[Column, ...]
+    sample: str | None = "seed"
 
     def cells(self) -> list[list[str]]:
-        """Formatted cells, header first; mean, and +- standard deviation where there are several seeds."""
+        """Formatted cells, header first; mean, and +- standard deviation where there are several samples."""
         lines = [[*self.labels, *(column.title for column in self.columns)]]
-        for labels, seeds in self.rows:
-            lines.append([*labels, *(_cell([seed[c.title] for seed in seeds], c) for c in self.columns)])
+        for labels, samples in self.rows:
+            lines.append([*labels, *(_cell([values[c.title] for values in samples], c) for c in self.columns)])
         return lines
 
     def text(self) -> str:
@@ -92,18 +54,32 @@ class Table:
         """A Markdown table."""
         return markdown_table(self.cells())
 
+    def legend(self) -> str:
+        """What the columns mean, one a line."""
+        return "\n".join(f"- {column.title}: {column.meaning}." for column in self.columns)
+
+    def header(self) -> list[str]:
+        """Titles of the columns of the CSV file."""
+        numbered = [] if self.sample is None else [self.sample]
+        return [*self.labels, *numbered, *(column.title for column in self.columns)]
+
     def save(self, folder: Path, name: str) -> None:
-        """Write name.md and name.csv (one line a seed, full precision)."""
-        write_text(folder / f"{name}.md", f"{self.markdown()}\n\n{legend(self.columns)}\n")
-        lines = [
-            [*labels, number, *(seed[column.title] for column in self.columns)]
-            for labels, seeds in self.rows
-            for number, seed in enumerate(seeds)
-        ]
-        write_csv(folder / f"{name}.csv", [[*self.labels, self.each, *(c.title for c in self.columns)], *lines])
+        """Write name.txt, name.md and name.csv (one line a sample, full precision), each of them whole.
+
+        Raises:
+            OSError: if a file cannot be written.
+        """
+        write_text(folder / f"{name}.txt", f"{self.text()}\n\n{self.legend()}\n")
+        write_text(folder / f"{name}.md", f"{self.markdown()}\n\n{self.legend()}\n")
+        lines: list[list[object]] = [[*self.header()]]
+        for labels, samples in self.rows:
+            for number, values in enumerate(samples):
+                numbered = [] if self.sample is None else [number]
+                lines.append([*labels, *numbered, *(values[column.title] for column in self.columns)])
+        write_csv(folder / f"{name}.csv", lines)
 
 
-def _cell(values: Rows[float], column: Column) -> str:
+def _cell(values: Sequence[float], column: Column) -> str:
     usable = [value for value in values if np.isfinite(value)]
     if not usable:
         return "-"
@@ -114,14 +90,9 @@ def _cell(values: Rows[float], column: Column) -> str:
     return f"{text} +- {spread(usable):.{column.decimals}f}" if len(usable) > 1 else text
 
 
-def spread(values: Rows[float] | np.ndarray) -> float:
+def spread(values: Sequence[float] | np.ndarray) -> float:
     """Standard deviation of what the values are a sample of (n - 1 in the denominator); 0 for a single one."""
     return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
-
-
-def legend(columns: Rows[Column] = COLUMNS) -> str:
-    """What the columns mean, one a line."""
-    return "\n".join(f"- {column.title}: {column.meaning}." for column in columns)
 
 
 def aligned_text(cells: list[list[str]]) -> str:

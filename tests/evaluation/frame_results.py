@@ -4,7 +4,7 @@ import numpy as np
 
 from iwalker_jax.data.frame_set import FrameSet
 from iwalker_jax.evaluation.frames.metrics import PlanMetrics, TrueMetrics
-from iwalker_jax.evaluation.frames.sequences import Sequence, SequenceResult
+from iwalker_jax.evaluation.frames.sequences import FrameSequence, SequenceResult
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.local_map import LocalMap
 
@@ -48,9 +48,9 @@ def make_result(truth: bool = True, frames: int = 4, name: str = "office") -> Se
     )
 
 
-def make_sequence(frames: int = 4, name: str = "office") -> Sequence:
+def make_sequence(frames: int = 4, name: str = "office") -> FrameSequence:
     """Depth images of a ramp, the frames of `make_result`."""
     depth = np.tile(np.linspace(0, 5000, 90).astype(np.uint16)[:, None], (frames, 1, 160))
     zeros = np.zeros((frames, 5), np.float32)
     goals = np.tile(np.float32([4.0, 0.5]), (frames, 1, 1))
-    return Sequence(name, FrameSet(depth, zeros, goals, zeros[:, :3], np.zeros(frames, np.int32), (name,)), None)
+    return FrameSequence(name, FrameSet(depth, zeros, goals, zeros[:, :3], np.zeros(frames, np.int32), (name,)), None)

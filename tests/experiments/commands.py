@@ -45,13 +45,13 @@ def train_command(out: Path, *arguments: str) -> int:
 
 
 def evaluate_command(run: Path, *arguments: str) -> int:
-    frames_only = ["--scenes", *SCENES, "--unseen-scenes", "0", "--walks", "none"]
+    frames_only = ["--scenes", *SCENES, "--unseen-scenes", "0", "--episodes", "none"]
     return evaluate.main(["--run", str(run), *frames_only, *arguments])
 
 
-def evaluate_walks_command(run: Path, *arguments: str) -> int:
-    walks_only = ["--scenes", "--unseen-scenes", "0", "--no-videos", "--width", "2", "--seeds", "2"]
-    return evaluate.main(["--run", str(run), *walks_only, *arguments])
+def evaluate_episodes_command(run: Path, *arguments: str) -> int:
+    episodes_only = ["--scenes", "--unseen-scenes", "0", "--no-videos", "--width", "2", "--seeds", "2"]
+    return evaluate.main(["--run", str(run), *episodes_only, *arguments])
 
 
 def fails_with_one_sentence(run, capsys) -> str:

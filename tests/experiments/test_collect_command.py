@@ -13,8 +13,8 @@ from tests.experiments.commands import fails_with_one_sentence
 
 
 @pytest.fixture
-def walked(monkeypatch):
-    """Batches of two that only pretend to be walked; the seeds of those that were, of which 4 is stopped once."""
+def run_seeds(monkeypatch):
+    """Batches of two that only pretend to be run; the seeds of those that were, of which 4 is stopped once."""
     seeds = []
 
     class Program:
@@ -42,29 +42,29 @@ def walked(monkeypatch):
     return seeds
 
 
-def test_a_stopped_collection_goes_on_where_it_was(walked, tmp_path, capsys):
-    """Oracle: which batches were walked, and their frames, filled with their own seeds."""
-    file = tmp_path / "walks.npz"
+def test_a_stopped_collection_goes_on_where_it_was(run_seeds, tmp_path, capsys):
+    """Oracle: which batches were run, and their frames, filled with their own seeds."""
+    file = tmp_path / "episodes.npz"
     options = ["--tasks", "5", "--out", str(file)]
     assert collect.main(options) == 130
     assert "goes on" in capsys.readouterr().out and not file.exists()
     sentence = fails_with_one_sentence(lambda: collect.main([*options, "--stride", "3"]), capsys)
     assert "other options" in sentence
     assert collect.main(options) == 0
-    assert walked == [0, 2, 4, 4]
+    assert run_seeds == [0, 2, 4, 4]
     printed = capsys.readouterr().out
-    assert "2 batches are there already" in printed and "5 frames of 5 walks (5 reached)" in printed
+    assert "2 batches are there already" in printed and "5 frames of 5 episodes (5 reached)" in printed
     frames = load_frames(file)
     assert list(frames.depth[:, 0, 0]) == [0, 0, 2, 2, 4] and frames.scene_names == ("0", "2", "4")
-    assert not (tmp_path / "walks.parts").exists()
+    assert not (tmp_path / "episodes.parts").exists()
 
 
-def test_a_folder_of_something_else_is_left_alone(walked, tmp_path, capsys):
-    (tmp_path / "walks.parts").mkdir()
-    (tmp_path / "walks.parts" / "mine").write_text("mine")
-    run = lambda: collect.main(["--out", str(tmp_path / "walks.npz")])  # noqa: E731
+def test_a_folder_of_something_else_is_left_alone(run_seeds, tmp_path, capsys):
+    (tmp_path / "episodes.parts").mkdir()
+    (tmp_path / "episodes.parts" / "mine").write_text("mine")
+    run = lambda: collect.main(["--out", str(tmp_path / "episodes.npz")])  # noqa: E731
     assert "something else" in fails_with_one_sentence(run, capsys)
-    assert (tmp_path / "walks.parts" / "mine").read_text() == "mine"
+    assert (tmp_path / "episodes.parts" / "mine").read_text() == "mine"
 
 
 @pytest.mark.parametrize(
@@ -78,5 +78,5 @@ def test_a_folder_of_something_else_is_left_alone(walked, tmp_path, capsys):
     ],
 )
 def test_bad_options_are_one_sentence(tmp_path, capsys, options, words):
-    run = lambda: collect.main([*options, "--out", str(tmp_path / "walks.npz")])  # noqa: E731
+    run = lambda: collect.main([*options, "--out", str(tmp_path / "episodes.npz")])  # noqa: E731
     assert words in fails_with_one_sentence(run, capsys)

@@ -14,7 +14,7 @@ from experiments import evaluate
 from experiments.shared.planners import fingerprint, planner_of
 from tests.data.recording_folders import write_yaml_recording
 from tests.evaluation.episode_records import StubProgram
-from tests.experiments.commands import SCENES, evaluate_command, evaluate_walks_command, fails_with_one_sentence
+from tests.experiments.commands import SCENES, evaluate_command, evaluate_episodes_command, fails_with_one_sentence
 
 
 def read_table(folder):
@@ -57,37 +57,37 @@ def pretended(monkeypatch):
     """Programs that only pretend to walk; the policies that were made."""
     made = []
 
-    def program_maker(command, planners):
+    def runner_maker(command, planners):
         def make(policy, width, images):
             made.append(policy)
             return StubProgram(images)
 
         return make
 
-    monkeypatch.setattr(evaluate, "program_maker", program_maker)
+    monkeypatch.setattr(evaluate, "runner_maker", runner_maker)
     return made
 
 
 def test_walks_are_logged_tabled_and_reported_and_not_repeated(finished_run, pretended, tmp_path, capsys):
-    arguments = ("--walks", "corridor,office", "--policies", "default,classical", "--out", str(tmp_path))
-    assert evaluate_walks_command(finished_run.folder, *arguments) == 0
+    arguments = ("--episodes", "corridor,office", "--policies", "default,classical", "--out", str(tmp_path))
+    assert evaluate_episodes_command(finished_run.folder, *arguments) == 0
     assert pretended == ["default", "classical"]
     with (tmp_path / "episodes.csv").open() as stream:
         rows = list(csv.DictReader(stream))
-    assert [(row["policy"], row["walks"]) for row in rows[::2]] == [
+    assert [(row["policy"], row["episode_set"]) for row in rows[::2]] == [
         (policy, walks) for policy in pretended for walks in ("corridor", "office")
     ]
     assert "success %" in capsys.readouterr().out
     assert "step 4" in (tmp_path / "report.html").read_text()
     assert not (tmp_path / "table.csv").exists()
-    assert evaluate_walks_command(finished_run.folder, *arguments) == 0
+    assert evaluate_episodes_command(finished_run.folder, *arguments) == 0
     assert len(pretended) == 2 and "4 of 4 batches" in capsys.readouterr().out
 
 
 def test_networks_of_several_runs_walk_in_one_table(finished_run, pretended, tmp_path):
     folder = finished_run.folder
     policies = f"classical,networks,networks@{folder}"
-    assert evaluate.main(["--unseen-scenes", "0", "--scenes", "--no-videos", "--walks", "corridor", "--seeds", "2",
+    assert evaluate.main(["--unseen-scenes", "0", "--scenes", "--no-videos", "--episodes", "corridor", "--seeds", "2",
                           "--policies", policies, "--out", str(tmp_path)]) == 0  # fmt: skip
     own, other = (planner_of(run)[2] for run in (None, folder))
     assert own.startswith("pretrained (") and other.startswith(f"{folder}, step 4 (")
@@ -99,7 +99,7 @@ def test_networks_of_several_runs_walk_in_one_table(finished_run, pretended, tmp
         ("networks", own),
         ("networks", other),
     ]
-    with (tmp_path / "navigation.csv").open() as stream:
+    with (tmp_path / "episode_table.csv").open() as stream:
         assert {row["policy"] for row in csv.DictReader(stream)} == set(pretended)
     assert len(list((tmp_path / "sheets").glob("*.png"))) == 3
 
@@ -125,21 +125,21 @@ def test_a_stopped_command_says_how_to_go_on(finished_run, tmp_path, monkeypatch
     def stopped(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(evaluate, "program_maker", lambda command, planners: stopped)
-    assert evaluate_walks_command(finished_run.folder, "--walks", "corridor", "--out", str(tmp_path)) == 130
+    monkeypatch.setattr(evaluate, "runner_maker", lambda command, planners: stopped)
+    assert evaluate_episodes_command(finished_run.folder, "--episodes", "corridor", "--out", str(tmp_path)) == 130
     assert "goes on" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--walks", "ballroom"), "ballroom"),
+        (("--episodes", "ballroom"), "ballroom"),
         (("--policies", "psychic"), "psychic"),
         (("--policies", "networks@nowhere"), "nowhere"),
     ],
 )
 def test_unknown_walks_and_policies_are_one_sentence(finished_run, tmp_path, capsys, arguments, words):
-    run = lambda: evaluate_walks_command(finished_run.folder, "--out", str(tmp_path), *arguments)  # noqa: E731
+    run = lambda: evaluate_episodes_command(finished_run.folder, "--out", str(tmp_path), *arguments)  # noqa: E731
     assert words in fails_with_one_sentence(run, capsys)
 
 

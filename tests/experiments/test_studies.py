@@ -12,10 +12,10 @@ from tests.experiments.commands import fails_with_one_sentence
 DEFAULT = TrainConfig(epochs=8)
 
 
-@pytest.mark.parametrize("study", [compare, ablation])
-def test_labels_are_unique_and_start_from_earlier_rows(study):
+@pytest.mark.parametrize("variants_of", [compare.method_variants, ablation.ablation_variants])
+def test_labels_are_unique_and_start_from_earlier_rows(variants_of):
     labels: list[str] = []
-    for variant in study.variants(DEFAULT):
+    for variant in variants_of(DEFAULT):
         assert variant.label not in labels
         assert variant.starts_from is None or variant.starts_from in labels
         assert variant.config.source == DEFAULT.source
@@ -25,7 +25,7 @@ def test_labels_are_unique_and_start_from_earlier_rows(study):
 
 def test_baselines_and_planner_share_all_but_their_method():
     """Only the heuristic baselines have free waypoints; only fine-tuning and PPO have a rate of their own."""
-    rows = {variant.label: variant.config for variant in compare.variants(DEFAULT)}
+    rows = {variant.label: variant.config for variant in compare.method_variants(DEFAULT)}
     assert rows["iwalker"] == rows["untrained"] == DEFAULT
     assert dataclasses.replace(rows["ppo"], method="iwalker", learning_rate=DEFAULT.learning_rate) == DEFAULT
     for label in ("iplanner", "finetuned"):
@@ -36,7 +36,7 @@ def test_baselines_and_planner_share_all_but_their_method():
 
 
 def test_ablations_change_one_thing():
-    rows = {variant.label: variant.config for variant in ablation.variants(DEFAULT)}
+    rows = {variant.label: variant.config for variant in ablation.ablation_variants(DEFAULT)}
     assert rows.pop("implicit") == DEFAULT
     for label, config in rows.items():
         changed = [
@@ -50,7 +50,7 @@ def test_ablations_change_one_thing():
 
 
 def test_the_whole_body_study_changes_its_terms_alone():
-    rows = whole_body_study.variants(whole_body_study.Command(epochs=8))
+    rows = whole_body_study.weight_variants(whole_body_study.Command(epochs=8))
     assert rows.pop("without") == DEFAULT and not DEFAULT.weights.uses_whole_body
     for config in rows.values():
         assert config.weights.uses_whole_body

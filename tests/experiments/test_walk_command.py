@@ -9,8 +9,9 @@ import pytest
 
 from experiments import walk, walk_study
 from experiments.shared.console import console
-from iwalker_jax.evaluation.walks.tables import COLUMNS
-from iwalker_jax.walking import Disturbances, Motion
+from iwalker_jax.evaluation.walks.tables import WALK_COLUMNS
+from iwalker_jax.walking.commands import Motion
+from iwalker_jax.walking.setup import Disturbances
 from tests.experiments.commands import fails_with_one_sentence
 
 
@@ -27,7 +28,7 @@ def test_a_walk_leaves_figures_pictures_and_records(tmp_path):
     assert 0 < summary["figures"]["torque peak %"] <= 100
     with np.load(tmp_path / "samples.npz") as record:
         assert record["qpos"].shape[0] == 2 and np.isfinite(record["qpos"]).all()
-        assert np.all((record["met_friction"] >= 0.5) & (record["met_friction"] <= 1.0))
+        assert np.all((record["conditions_friction"] >= 0.5) & (record["conditions_friction"] <= 1.0))
     for name in ("walk.png", "traces.png"):
         assert cv2.imread(str(tmp_path / name)).std() > 5
 
@@ -56,16 +57,16 @@ def measured(monkeypatch):
     """Three cases that only pretend to be walked; the names of those that were, "c" being stopped the first time."""
     walked = []
 
-    def measure(case, bench, engine, robots, seed):
+    def measure(case, walker, engine, robots, seed):
         walked.append(case.name)
         if case.name == "c" and walked.count("c") == 1:
             raise KeyboardInterrupt
-        return dict.fromkeys([column.title for column in COLUMNS], 1.0) | {"robots": float(robots)}
+        return dict.fromkeys([column.title for column in WALK_COLUMNS], 1.0) | {"robots": float(robots)}
 
     cases = [walk_study.Case(name, Motion("stand", seconds=1.0), many=name == "b") for name in "abc"]
     monkeypatch.setattr(walk_study, "SUITES", {"small": lambda: cases})
     monkeypatch.setattr(walk_study, "measure", measure)
-    monkeypatch.setattr(walk_study, "Bench", lambda *arguments: None)
+    monkeypatch.setattr(walk_study, "CompiledWalker", lambda *arguments: None)
     return walked
 
 
@@ -106,7 +107,8 @@ def test_the_study_asks_for_what_it_says():
         (["--friction", "1", "0.5"], "smaller first"),
         (["--motion", "path"], "give a file"),
         (["--devices", "99"], "devices"),
-        (["--scene", "office", "--policy", "nowhere"], "nowhere holds no checkpoints"),
+        (["--scene", "office", "--run", "nowhere"], "nowhere holds no checkpoints"),
+        (["--scene", "office", "--policy", "runs/mine"], "Unknown policy"),
     ],
 )
 def test_bad_options_are_one_sentence(tmp_path, capsys, options, words):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from iwalker_jax.evaluation.episodes.log import load_episodes, load_logs, log_file
-from iwalker_jax.evaluation.episodes.study import run_study
+from iwalker_jax.evaluation.episodes.study import run_episode_study
 from iwalker_jax.training.checkpoints import CheckpointStore
 from iwalker_jax.training.run_log import read_metrics
 from tests.evaluation.episode_records import StubProgram
@@ -24,7 +24,9 @@ from tests.training.working_together import BEGUN, ENDED, save_data, train_until
 @pytest.fixture(scope="module")
 def whole_study(tmp_path_factory):
     """The study as one process walks it."""
-    return run_study(SETTINGS, lambda policy, width, images: StubProgram(images), tmp_path_factory.mktemp("one"), None)
+    return run_episode_study(
+        SETTINGS, lambda policy, width, images: StubProgram(images), tmp_path_factory.mktemp("one"), None
+    )
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +43,7 @@ def together(small_data, tmp_path_factory):
         return StubProgram(images)
 
     with pytest.raises(KeyboardInterrupt):
-        run_study(SETTINGS, stops, folder / "study", None)
+        run_episode_study(SETTINGS, stops, folder / "study", None)
     environment = os.environ | {
         "IWALKER_COORDINATOR": f"localhost:{free_port()}",
         "IWALKER_PROCESSES": "2",
@@ -88,7 +90,7 @@ def test_two_processes_walk_what_one_does(together, whole_study):
     folder = together / "study"
     known = load_logs(folder)
     assert len(known) == sum(len(episodes) for episodes in whole_study.groups.values())
-    again = run_study(SETTINGS, lambda *_: pytest.fail("nothing is left to walk"), folder, None)
+    again = run_episode_study(SETTINGS, lambda *_: pytest.fail("nothing is left to walk"), folder, None)
     np.testing.assert_equal(again.groups, whole_study.groups)
     assert {key.policy for key in load_episodes(log_file(folder, 1))} == {"classical"}
     assert len(again.sheets) == 4

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iwalker_jax.evaluation.episodes.study import run_study
+from iwalker_jax.evaluation.episodes.study import run_episode_study
 from iwalker_jax.runtime.processes import ProcessGroup, exit_process, is_first, join_group
 from iwalker_jax.training.loop import TrainResult, batch_mesh, train
 from iwalker_jax.training.maps import TrainingData
@@ -36,7 +36,7 @@ def main(folder: Path) -> int:
     with np.load(folder / "data.npz") as stored:
         data = TrainingData(**{name: stored[name] for name in TrainingData._fields})
     result = train_until(ENDED, data, folder / f"run{jax.process_index()}")
-    study = run_study(SETTINGS, lambda policy, width, images: StubProgram(images), folder / "study", None)
+    study = run_episode_study(SETTINGS, lambda policy, width, images: StubProgram(images), folder / "study", None)
     if is_first():
         assert len(study.groups) == 4
         assert int(jnp.add(result.state.step, 1)) == ENDED + 1  # computed alone

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -15,16 +14,24 @@ from bruce_model import load_mujoco
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.film_panels import Plan, depth_panel, map_panel, write
 from iwalker_jax.evaluation.episodes.pictures import in_true_world
-from iwalker_jax.film.markers import add_footsteps, add_goal, add_path, add_shadow
-from iwalker_jax.film.recorded_motion import check_motion, smooth_track
-from iwalker_jax.film.rendering import VideoSettings, open_renderer, set_configuration
-from iwalker_jax.film.video import write_frames
-from iwalker_jax.geometry import host, side_of_step, to_base
+from iwalker_jax.film import (
+    VideoSettings,
+    add_footsteps,
+    add_goal,
+    add_path,
+    add_shadow,
+    check_motion,
+    open_renderer,
+    set_configuration,
+    smooth_track,
+    write_frames,
+)
+from iwalker_jax.geometry import host, side_of_step
 from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
+from iwalker_jax.scenes import Scene
 from iwalker_jax.scenes.mjcf import obstacle_geoms
-from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.tasks.task import Task
-from iwalker_jax.walking import TimedFootsteps
+from iwalker_jax.tasks import Task
+from iwalker_jax.walking.record import TimedFootsteps
 
 _STRIP = 36  # [px] height of the line of text
 _WALL_COLOUR = (0.86, 0.84, 0.79, 1.0)
@@ -208,7 +215,7 @@ def _mapped(
 def _plan_from(pose: Float[np.ndarray, " 3"], task: Task, episode: EpisodeRecord, i: int) -> Plan:
     goal = task.goals[min(int(episode.goal[i]), len(task.goals) - 1)]
     plan = (episode.path[i], episode.footsteps[i], goal[None])
-    path, steps, goal = (np.nan_to_num(np.asarray(to_base(jnp.asarray(pose), jnp.asarray(p)))) for p in plan)
+    path, steps, goal = (np.nan_to_num(host.to_base(pose, np.asarray(p))) for p in plan)
     return Plan(path, steps, goal[0], planned_sides(episode, i))
 
 

@@ -18,7 +18,7 @@ class EpisodeKey(NamedTuple):
     Attributes:
         planner: whose networks, with their fingerprint; depth, state: what camera and walking robot are given.
         seed: of the study; width: episodes of a whole batch, on which the conditions of each depend.
-        policy: who walked; walks: set of tasks; number: in the set.
+        policy: how it was navigated; episode_set: of which it is one; number: in the set.
     """
 
     planner: str
@@ -27,7 +27,7 @@ class EpisodeKey(NamedTuple):
     seed: int
     width: int
     policy: str
-    walks: str
+    episode_set: str
     number: int
 
 
@@ -92,7 +92,7 @@ def load_episodes(file: Path) -> dict[EpisodeKey, EpisodeMetrics]:
         try:
             row = dict(zip(_HEADER, line, strict=True))
             given = (row["planner"], row["depth"], row["state"], int(row["seed"]), int(row["width"]))
-            key = EpisodeKey(*given, row["policy"], row["walks"], int(row["number"]))
+            key = EpisodeKey(*given, row["policy"], row["episode_set"], int(row["number"]))
             outcome = Outcome[row["outcome"].upper()]
             episodes[key] = EpisodeMetrics(outcome, **{name: float(row[name]) for name in _FIGURES})
         except (ValueError, KeyError):

@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike
 
 from iwalker_jax.constants import TIME_STEP
 from iwalker_jax.errors import InputError
-from iwalker_jax.film.recorded_motion import smooth_track
+from iwalker_jax.film import smooth_track
 from iwalker_jax.geometry import host
 from iwalker_jax.navigation.closed_loop import LoopParameters
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
+from iwalker_jax.scenes import SceneArrays
 from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS, RouteParameters, cost_at, shortest_distance
-from iwalker_jax.scenes.scene import SceneArrays
-from iwalker_jax.tasks.task import GOAL_CAPACITY, Task
+from iwalker_jax.tasks import GOAL_CAPACITY, Task
 
 AHEAD = 0.5
 """[m] along a planned path from its start to where its shaking is measured."""
@@ -180,7 +180,7 @@ def walked_distance(places: Float[np.ndarray, "n 2"], times: Float[np.ndarray, "
     return host.polyline_length(smooth_track(places, period))
 
 
-def shortest_route(task: Task, rules: RouteParameters = DEFAULT_ROUTE_PARAMETERS) -> float:
+def shortest_route(task: Task, parameters: RouteParameters = DEFAULT_ROUTE_PARAMETERS) -> float:
     """[m] length that nobody can walk less than to reach all goals in order; NaN if there is no route.
 
     That is the shortest walkable route over the goals' centres, less what is spared because a goal counts from
@@ -196,7 +196,7 @@ def shortest_route(task: Task, rules: RouteParameters = DEFAULT_ROUTE_PARAMETERS
     # Lengths from each stop to all others; of a start and one goal the goal's tell everything.
     first = 0 if len(task.goals) > 1 else 1
     ways = {
-        k: np.asarray(_lengths(scene, jnp.asarray(stops[k], float), places, rules), np.float64)
+        k: np.asarray(_lengths(scene, jnp.asarray(stops[k], float), places, parameters), np.float64)
         for k in range(first, len(stops))
     }
     legs = [ways[k][k - 1, 0] for k in range(1, len(stops))]
@@ -207,11 +207,11 @@ def shortest_route(task: Task, rules: RouteParameters = DEFAULT_ROUTE_PARAMETERS
     return max(float(sum(legs)) - spared, 0.0)
 
 
-@functools.partial(jax.jit, static_argnames="rules")
+@functools.partial(jax.jit, static_argnames="parameters")
 def _lengths(
-    scene: SceneArrays, stop: Float[jax.Array, " 2"], places: Float[jax.Array, "s k 2"], rules: RouteParameters
+    scene: SceneArrays, stop: Float[jax.Array, " 2"], places: Float[jax.Array, "s k 2"], parameters: RouteParameters
 ) -> Float[jax.Array, "s k"]:
-    return cost_at(shortest_distance(scene, stop, rules), places)
+    return cost_at(shortest_distance(scene, stop, parameters), places)
 
 
 def _towards(lengths: Float[np.ndarray, " k"]) -> Float[np.ndarray, " 2"]:

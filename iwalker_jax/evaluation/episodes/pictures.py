@@ -3,17 +3,20 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PatchCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
-from iwalker_jax.geometry import host, to_base, to_world
+from iwalker_jax.geometry import host
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
-from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.tasks.task import Task
+from iwalker_jax.scenes import Scene
+from iwalker_jax.tasks import Task
 
 OUTCOME_COLOURS = {
     Outcome.RUNNING: "0.45",
@@ -82,8 +85,6 @@ def save_episode_grid(
     """
     if not episodes or len(tasks) != len(episodes):
         raise InputError(f"There are {len(episodes)} episodes and {len(tasks)} tasks; give at least one, a task each.")
-    from matplotlib.lines import Line2D
-
     columns = min(columns, len(episodes))
     rows = -(-len(episodes) // columns)
     shapes = np.array([_extent(task.scene) for task in tasks])
@@ -113,10 +114,8 @@ def save_episode_grid(
     save_figure(figure, file)
 
 
-def draw_episode(axis, task: Task, episode: EpisodeRecord, by_time: bool = False):
+def draw_episode(axis: Axes, task: Task, episode: EpisodeRecord, by_time: bool = False) -> LineCollection:
     """Draw one episode in plan, x to the right and y up, and return the line of the way walked."""
-    from matplotlib.collections import LineCollection
-
     draw_scene(axis, task.scene)
     for foot, place in zip(("right", "left"), np.moveaxis(np.asarray(episode.feet), 1, 0)):
         prints = footprints(place)
@@ -146,11 +145,8 @@ def draw_episode(axis, task: Task, episode: EpisodeRecord, by_time: bool = False
     return line
 
 
-def draw_scene(axis, scene: Scene) -> None:
+def draw_scene(axis: Axes, scene: Scene) -> None:
     """Draw a scene in plan: dark what reaches into the body's height, pale what only lies above or below it."""
-    from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Circle, Polygon, Rectangle
-
     x_min, y_min, x_max, y_max = scene.bounds
     floor = Rectangle((x_min, y_min), x_max - x_min, y_max - y_min, facecolor="#f6f5f1", edgecolor="0.6", lw=0.8)
     axis.add_patch(floor)
@@ -158,9 +154,9 @@ def draw_scene(axis, scene: Scene) -> None:
     patches = [Polygon(box_corners(row)) for row in boxes] + [Circle((x, y), r) for x, y, _, r, _ in cylinders]
     centre = np.concatenate([boxes[:, 2], cylinders[:, 2]])
     half = np.concatenate([boxes[:, 5], cylinders[:, 4]])
-    met = (centre - half < _BAND[1]) & (centre + half > _BAND[0])
+    in_the_way = (centre - half < _BAND[1]) & (centre + half > _BAND[0])
     for solid, face, edge, order in ((False, "#e3e1da", "#c9c6bb", 1), (True, "#8b8f98", "#5d616b", 2)):
-        chosen = [patch for patch, inside in zip(patches, met) if inside == solid]
+        chosen = [patch for patch, inside in zip(patches, in_the_way) if inside == solid]
         axis.add_collection(PatchCollection(chosen, facecolor=face, edgecolor=edge, linewidth=0.6, zorder=order))
     axis.set_xlim(x_min - _MARGIN, x_max + _MARGIN)
     axis.set_ylim(y_min - _MARGIN, y_max + _MARGIN)
@@ -185,8 +181,8 @@ def in_true_world(points: ArrayLike, episode: EpisodeRecord, frame: int) -> Floa
 
     A frame's plan and believed pose belong to its beginning, which is the end of the frame before.
     """
-    own = to_base(jnp.asarray(episode.believed[frame]), jnp.asarray(points))
-    return np.asarray(to_world(jnp.asarray(episode.base[max(frame - 1, 0)]), own))
+    own = host.to_base(np.asarray(episode.believed[frame]), np.asarray(points))
+    return host.to_world(np.asarray(episode.base[max(frame - 1, 0)]), own)
 
 
 def _caption(episode: EpisodeRecord) -> str:

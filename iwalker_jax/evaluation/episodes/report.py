@@ -8,10 +8,10 @@ from pathlib import Path
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.study import Study
-from iwalker_jax.evaluation.episodes.tables import COLUMNS, failures, navigation_table
-from iwalker_jax.evaluation.tables import Table, legend, markdown_table
+from iwalker_jax.evaluation.episodes.tables import episode_table, failures
+from iwalker_jax.evaluation.tables import Table, markdown_table
 from iwalker_jax.navigation.record import SENTENCES, Outcome
-from iwalker_jax.runtime.files import write_text
+from iwalker_jax.runtime import write_text
 
 _COLOURS = {
     Outcome.REACHED: "#3f9b57",
@@ -91,9 +91,10 @@ def _page(folder: Path, report: Report) -> str:
     parts += [f"<dt>{_text(name)}</dt><dd>{_text(value)}</dd>" for name, value in report.settings.items()]
     parts.append("</dl>")
     if study.groups:
-        parts.append("<h2>Walks</h2>" + _table(navigation_table(study.groups).cells(), labels=2))
+        table = episode_table(study.groups)
+        parts.append("<h2>Episodes</h2>" + _table(table.cells(), labels=2))
         parts.append('<p class="soft">Rates with Wilson\'s 95 % interval, figures with their standard deviation.</p>')
-        parts.append(_legend(legend(COLUMNS)))
+        parts.append(_legend(table.legend()))
         parts.append("<h2>How the episodes ended</h2>" + _endings(study))
     if study.films:
         parts.append('<h2>Films</h2><div class="films">')
@@ -104,7 +105,7 @@ def _page(folder: Path, report: Report) -> str:
         parts += [_picture(title, file) for title, file in study.sheets]
     if report.frames is not None:
         parts.append("<h2>Single frames</h2>" + _table(report.frames.cells(), len(report.frames.labels)))
-        parts.append(_legend(legend(report.frames.columns)))
+        parts.append(_legend(report.frames.legend()))
     if study.seconds:
         parts.append("<h2>Where the time went</h2>" + _table(_spent(study.seconds), labels=1))
     body = "\n".join(parts)
@@ -120,13 +121,14 @@ def _markdown(folder: Path, report: Report) -> str:
     parts = [f"# {report.title}", report.machine]
     parts.append("\n".join(f"- {name}: {value}" for name, value in report.settings.items()))
     if study.groups:
-        parts += ["## Walks", navigation_table(study.groups).markdown(), legend(COLUMNS)]
+        table = episode_table(study.groups)
+        parts += ["## Episodes", table.markdown(), table.legend()]
         parts += ["## How the episodes ended", markdown_table(_ending_cells(study))]
     for title, files in (("Films", study.films), ("From above", study.sheets)):
         links = [f"- [{name}]({file.relative_to(folder).as_posix()})" for name, file in files]
         parts += [f"## {title}", "\n".join(links)] if links else []
     if report.frames is not None:
-        parts += ["## Single frames", report.frames.markdown(), legend(report.frames.columns)]
+        parts += ["## Single frames", report.frames.markdown(), report.frames.legend()]
     if study.seconds:
         parts += ["## Where the time went", markdown_table(_spent(study.seconds))]
     return "\n\n".join(parts) + "\n"

@@ -1,9 +1,11 @@
-"""Closed-loop studies: every policy walks every set of tasks, batch by batch; a stopped study goes on where it was."""
+"""Closed-loop studies: every policy runs every set of episodes in batches; a stopped study goes on where it was."""
 
+import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -13,25 +15,25 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.film import FilmSettings, write_film
 from iwalker_jax.evaluation.episodes.log import EpisodeKey, append_episodes, load_logs, log_file
 from iwalker_jax.evaluation.episodes.metrics import EpisodeMetrics, episode_metrics, judged, row_of, shortest_route
-from iwalker_jax.evaluation.episodes.tables import navigation_table
-from iwalker_jax.evaluation.episodes.traces import draw_sheets, has_traces, save_traces, traces_file
-from iwalker_jax.evaluation.episodes.walks import (
-    Batch,
+from iwalker_jax.evaluation.episodes.schedule import (
+    EpisodeBatch,
+    ScheduledEpisode,
     StudySettings,
-    Walk,
-    batches_of,
-    key_of,
-    walks_of,
+    episode_batches,
+    episode_key,
+    scheduled_episodes,
 )
+from iwalker_jax.evaluation.episodes.tables import episode_table
+from iwalker_jax.evaluation.episodes.traces import draw_sheets, has_traces, save_traces, traces_file
 from iwalker_jax.navigation.record import EpisodeRecord
-from iwalker_jax.runtime.processes import barrier, is_first
-from iwalker_jax.tasks.task import Task
+from iwalker_jax.runtime import barrier, is_first
+from iwalker_jax.tasks import Task
 
 Groups = dict[tuple[str, str], list[EpisodeMetrics]]
 
 
-class Program(Protocol):
-    """Walks tasks to their ends, as `EpisodeProgram` does.
+class EpisodeRunner(Protocol):
+    """Runs tasks to their ends, as `EpisodeProgram` does.
 
     Attributes:
         compile_seconds: [s] spent so far on compilation.
@@ -44,12 +46,18 @@ class Program(Protocol):
     ) -> EpisodeRecord: ...
 
 
-MakeProgram = Callable[[str, int, bool], Program]
-"""The program of a policy, for a number of episodes at a time, with images recorded or not."""
+MakeRunner = Callable[[str, int, bool], EpisodeRunner]
+"""What runs a policy, for a number of episodes at a time, with images recorded or not."""
+
+PolicyBatches = Sequence[tuple[str, EpisodeBatch]]
+"""Batches of episodes with the policy of each."""
+
+_TABLE = "episode_table"
+_FIGURES = "figures, tables and sheets"
 
 
-class Progress(NamedTuple):
-    """How far a study is: episodes done of all, who walks, and how many of the batch are still on their way."""
+class StudyProgress(NamedTuple):
+    """How far a study is: episodes done of all, whose policy, and how many of the batch are still running."""
 
     done: int
     total: int
@@ -62,7 +70,7 @@ class Study:
     """What came of a study.
 
     Attributes:
-        groups: figures of the episodes by policy and set of walks.
+        groups: figures of the episodes by policy and set of episodes.
         sheets, films: (title, file) of the pictures and videos.
         seconds: [s] by what they were spent on.
     """
@@ -82,33 +90,33 @@ class Study:
             self.seconds[purpose] = self.seconds.get(purpose, 0.0) + time.perf_counter() - began
 
     @contextmanager
-    def walking(self, program: Program) -> Iterator[None]:
-        """Count the block's time as walking, but for what the program spends on compilation."""
-        before = program.compile_seconds
-        with self.timed("walking"):
+    def running(self, runner: EpisodeRunner) -> Iterator[None]:
+        """Count the block's time as running episodes, but for what the runner spends on compilation."""
+        before = runner.compile_seconds
+        with self.timed("running episodes"):
             yield
-        compiling = program.compile_seconds - before
+        compiling = runner.compile_seconds - before
         self.seconds["compiling"] = self.seconds.get("compiling", 0.0) + compiling
-        self.seconds["walking"] -= compiling
+        self.seconds["running episodes"] -= compiling
 
 
-def run_study(
+def run_episode_study(
     settings: StudySettings,
-    make_program: MakeProgram,
+    make_runner: MakeRunner,
     folder: Path,
     film: FilmSettings | None = FilmSettings(),
-    on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_progress: Callable[[StudyProgress], None] = lambda progress: None,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> Study:
-    """Walk everything that the folder's log does not hold yet, and write log, tables, sheets and films.
+    """Run every episode that the folder's log does not hold yet, and write log, tables, sheets and films.
 
-    A batch of which an episode or a trace is missing is walked again, and comes out as before. After every batch the
-    log episodes.csv has grown and the tables navigation.md and .csv are new. Of several processes each walks its share
-    and logs it in a file of its own; they part at the end, and process 0 goes on alone to draw what all have walked.
+    A batch of which an episode or a trace is missing is run again, and comes out as before. After every batch the log
+    episodes.csv has grown and the table episode_table is written anew. Of several processes each runs its share and
+    logs it in a file of its own; they part at the end, and process 0 goes on alone to draw what all have run.
 
     Args:
-        settings: what is walked.
-        make_program: compiles a policy.
+        settings: what is run.
+        make_runner: compiles a policy.
         folder: of the results.
         film: how the first policy is filmed on the first task of every set; None for no films.
         on_progress: hears how far it is.
@@ -119,50 +127,130 @@ def run_study(
     """
     study = Study()
     with study.timed("making tasks"):
-        walks = walks_of(settings)
-        batches = batches_of(settings, walks)
-    process, processes = jax.process_index(), jax.process_count()
-    log = log_file(folder, process)
+        episodes = scheduled_episodes(settings)
+        batches = episode_batches(settings, episodes)
     known = load_logs(folder)
     # Shares of all batches, not of those left: the logs grow while other processes start.
-    share = [(policy, batch) for policy in settings.policies for batch in batches][process::processes]
+    share = [(policy, batch) for policy in settings.policies for batch in batches]
+    share = share[jax.process_index() :: jax.process_count()]
     todo = [(policy, batch) for policy, batch in share if not _finished(settings, policy, batch, known, folder)]
     if len(todo) < len(share):
         say(f"{len(share) - len(todo)} of {len(share)} batches are in {folder} already.")
-    done, total = 0, sum(len(batch.members) for _, batch in todo)
-    shortest: dict[tuple[str, int], float] = {}
-    program: Program | None = None
-    for position, (policy, batch) in enumerate(todo):
-        if position == 0 or policy != todo[position - 1][0]:
-            with study.timed("building policies"):
-                program = make_program(policy, settings.width, False)
-        assert program is not None
-        size, limit = len(batch.members), sum(walk.task.time_limit for walk in batch.members)
 
-        def report(seconds: float, running: int, done=done, size=size, limit=limit, policy=policy) -> None:
-            on_progress(Progress(done + int(size * min(seconds / limit, 0.99)), total, policy, running))
+    def save_table() -> None:
+        if is_first():
+            episode_table(grouped(settings, episodes, load_logs(folder))).save(folder, _TABLE)
 
-        on_progress(Progress(done, total, policy, size))
-        with study.walking(program):
-            record = program.run([walk.task for walk in batch.members], batch.seed, on_progress=report)
-        with study.timed("figures, tables and sheets"):
-            rows = []
-            for i, walk in enumerate(batch.members):
-                which = walk.walks, walk.number
-                if which not in shortest:
-                    shortest[which] = shortest_route(walk.task)
-                metrics = episode_metrics(row_of(record, i), walk.task, shortest[which])
-                rows.append((key_of(settings, policy, walk), walk.task.name, metrics))
-            save_traces(traces_file(folder, settings, policy, batch), record)
-            append_episodes(log, rows)
-            if is_first():
-                navigation_table(grouped(settings, walks, load_logs(folder))).save(folder, "navigation")
-        done += size
-        on_progress(Progress(done, total, policy, 0))
+    run_batches(study, settings, todo, make_runner, folder, save_table, on_progress)
     barrier()
     if not is_first():
         return study
     known = load_logs(folder)
+    _require_all(settings, batches, known, folder)
+    study.groups = grouped(settings, episodes, known)
+    with study.timed(_FIGURES):
+        save_table()
+        study.sheets = draw_sheets(settings, batches, folder)
+    if film is not None:
+        study.films = make_films(settings, batches, make_runner, folder, film, study, say)
+    return study
+
+
+def run_batches(
+    study: Study,
+    settings: StudySettings,
+    todo: PolicyBatches,
+    make_runner: MakeRunner,
+    folder: Path,
+    save_table: Callable[[], None],
+    on_progress: Callable[[StudyProgress], None],
+) -> None:
+    """Run batches one after the other; after each, its traces and its lines in this process's log are in the folder.
+
+    Args:
+        study: whose times are counted.
+        settings: of the study.
+        todo: what to run, the batches of a policy one after the other.
+        make_runner: compiles a policy, once for all its batches.
+        folder: of traces and log.
+        save_table: is called after each batch.
+        on_progress: hears how far it is.
+    """
+    log = log_file(folder, jax.process_index())
+    done, total = 0, sum(len(batch.episodes) for _, batch in todo)
+    shortest: dict[tuple[str, int], float] = {}
+    for policy, own in itertools.groupby(todo, key=lambda pair: pair[0]):
+        with study.timed("building policies"):
+            runner = make_runner(policy, settings.width, False)
+        for _, batch in own:
+            tasks = [episode.task for episode in batch.episodes]
+            begun = StudyProgress(done, total, policy, len(tasks))
+            on_progress(begun)
+            report = partial(_report, on_progress, begun, sum(task.time_limit for task in tasks))
+            with study.running(runner):
+                record = runner.run(tasks, batch.seed, on_progress=report)
+            with study.timed(_FIGURES):
+                save_traces(traces_file(folder, settings, policy, batch), record)
+                append_episodes(log, _log_rows(settings, policy, batch, record, shortest))
+                save_table()
+            done += len(tasks)
+            on_progress(StudyProgress(done, total, policy, 0))
+
+
+def _report(
+    on_progress: Callable[[StudyProgress], None], begun: StudyProgress, limit: float, seconds: float, running: int
+) -> None:
+    """Progress within a batch that has begun: its episodes count by the share of their time limits [s] that is run."""
+    share = int(begun.running * min(seconds / limit, 0.99))
+    on_progress(begun._replace(done=begun.done + share, running=running))
+
+
+def _log_rows(
+    settings: StudySettings,
+    policy: str,
+    batch: EpisodeBatch,
+    record: EpisodeRecord,
+    shortest: dict[tuple[str, int], float],
+) -> list[tuple[EpisodeKey, str, EpisodeMetrics]]:
+    """What is logged of a batch; the shortest routes [m] are kept by set and number, as all policies have the same."""
+    rows = []
+    for i, episode in enumerate(batch.episodes):
+        which = episode.episode_set, episode.number
+        if which not in shortest:
+            shortest[which] = shortest_route(episode.task)
+        metrics = episode_metrics(row_of(record, i), episode.task, shortest[which])
+        rows.append((episode_key(settings, policy, episode), episode.task.name, metrics))
+    return rows
+
+
+def grouped(
+    settings: StudySettings, episodes: Sequence[ScheduledEpisode], known: Mapping[EpisodeKey, EpisodeMetrics]
+) -> Groups:
+    """The study's episodes among those known, by policy and set of episodes; sets without any are left out."""
+    groups: Groups = {}
+    for name in settings.episode_sets:
+        for policy in settings.policies:
+            keys = [episode_key(settings, policy, episode) for episode in episodes if episode.episode_set == name]
+            found = [known[key] for key in keys if key in known]
+            if found:
+                groups[policy, name] = found
+    return groups
+
+
+def _finished(
+    settings: StudySettings, policy: str, batch: EpisodeBatch, known: Mapping[EpisodeKey, EpisodeMetrics], folder: Path
+) -> bool:
+    """Whether the folder holds figures and traces of a policy's whole batch."""
+    logged = all(episode_key(settings, policy, episode) in known for episode in batch.episodes)
+    return logged and has_traces(traces_file(folder, settings, policy, batch), len(batch.episodes))
+
+
+def _require_all(
+    settings: StudySettings,
+    batches: Sequence[EpisodeBatch],
+    known: Mapping[EpisodeKey, EpisodeMetrics],
+    folder: Path,
+) -> None:
     missing = [
         policy
         for policy in settings.policies
@@ -170,41 +258,15 @@ def run_study(
     ]
     if missing:
         raise InputError(
-            f"{folder} lacks walks of {', '.join(missing)}; give all processes this same folder and the same options."
+            f"{folder} lacks episodes of {', '.join(missing)}; give all processes this same folder and the same "
+            "options."
         )
-    study.groups = grouped(settings, walks, known)
-    with study.timed("figures, tables and sheets"):
-        navigation_table(study.groups).save(folder, "navigation")
-        study.sheets = draw_sheets(settings, batches, folder)
-    if film is not None:
-        study.films = make_films(settings, batches, make_program, folder, film, study, say)
-    return study
-
-
-def grouped(settings: StudySettings, walks: Sequence[Walk], known: Mapping[EpisodeKey, EpisodeMetrics]) -> Groups:
-    """The study's episodes among those known, by policy and set of walks; sets without any are left out."""
-    groups: Groups = {}
-    for name in settings.walks:
-        for policy in settings.policies:
-            keys = [key_of(settings, policy, walk) for walk in walks if walk.walks == name]
-            episodes = [known[key] for key in keys if key in known]
-            if episodes:
-                groups[policy, name] = episodes
-    return groups
-
-
-def _finished(
-    settings: StudySettings, policy: str, batch: Batch, known: Mapping[EpisodeKey, EpisodeMetrics], folder: Path
-) -> bool:
-    """Whether the folder holds figures and traces of a policy's whole batch."""
-    logged = all(key_of(settings, policy, walk) in known for walk in batch.members)
-    return logged and has_traces(traces_file(folder, settings, policy, batch), len(batch.members))
 
 
 def make_films(
     settings: StudySettings,
-    batches: Sequence[Batch],
-    make_program: MakeProgram,
+    batches: Sequence[EpisodeBatch],
+    make_runner: MakeRunner,
     folder: Path,
     film: FilmSettings,
     study: Study,
@@ -212,24 +274,24 @@ def make_films(
 ) -> list[tuple[str, Path]]:
     """Films of the first policy's first episode of every set; those there already are kept.
 
-    Each is walked by itself in the conditions of its batch: it is the tables' episode, whatever else is filmed.
+    Each is run by itself in the conditions of its batch: it is the tables' episode, whatever else is filmed.
     """
     policy = settings.policies[0]
     starring = [batch for batch in batches if batch.first == 0]
-    files = [folder / "films" / f"{settings.stem(policy, batch.walks)}.webm" for batch in starring]
+    files = [folder / "films" / f"{settings.stem(policy, batch.episode_set)}.webm" for batch in starring]
     missing = [(file, batch) for file, batch in zip(files, starring) if not file.exists()]
     if missing:
-        say(f"Walking {len(missing)} episodes again, with images, for the films.")
+        say(f"Running {len(missing)} episodes again, with images, for the films.")
         with study.timed("building policies"):
-            program = make_program(policy, 1, True)
+            runner = make_runner(policy, 1, True)
     for file, batch in missing:
-        task = batch.members[0].task
-        with study.walking(program):
-            record = program.run([task], batch.seed, on_progress=lambda seconds, running: None)
+        task = batch.episodes[0].task
+        with study.running(runner):
+            record = runner.run([task], batch.seed, on_progress=lambda seconds, running: None)
         with study.timed("drawing films"):
             try:
                 write_film(file, task, judged(row_of(record, 0), task), film)
             except InputError as error:
                 say(f"No film: {error}")
-    titles = [f"{policy}, {batch.walks}" for batch in starring]
+    titles = [f"{policy}, {batch.episode_set}" for batch in starring]
     return [(title, file) for title, file in zip(titles, files) if file.exists()]

@@ -11,12 +11,12 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from iwalker_jax.navigation.body_volume import BodyVolume
+from iwalker_jax.scenes import MAX_EXTENT
 from iwalker_jax.scenes.imported.mesh_distance import mesh_clearance
 from iwalker_jax.scenes.imported.mesh_solids import read_mesh
 from iwalker_jax.scenes.imported.mjcf_solids import load_mjcf, solids_of_mjcf
 from iwalker_jax.scenes.imported.user_scene import BAND, MJCF_SUFFIXES
 from iwalker_jax.scenes.imported.voxel_boxes import sample_surface
-from iwalker_jax.scenes.scene import MAX_EXTENT
 
 AROUND = 1.0
 """[m] around the body within which surfaces are looked at."""
@@ -46,7 +46,7 @@ def original_surface(path: str | PathLike) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def surface_distance(
+def least_surface_distance(
     surface: trimesh.Trimesh, volume: BodyVolume, model: mujoco.MjModel, qpos: Float[np.ndarray, "n nq"]
 ) -> float:
     """Least distance [m] between a body's volume in given states and a surface; infinite beyond `AROUND`.

@@ -6,7 +6,7 @@ from iwalker_jax.evaluation.episodes.metrics import ARRIVAL, SLACK, EpisodeMetri
 from iwalker_jax.evaluation.tables import Column, Table
 from iwalker_jax.navigation.record import Outcome
 
-COLUMNS = (
+EPISODE_COLUMNS = (
     Column(
         "success %",
         f"episodes that ended standing at the last goal, after all others: the true base within "
@@ -66,7 +66,7 @@ def episode_values(metrics: EpisodeMetrics) -> dict[str, float]:
     }
 
 
-def navigation_table(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]]) -> Table:
+def episode_table(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]]) -> Table:
     """The table of episodes grouped by (policy, set of scenes).
 
     Rates are shown with Wilson's 95 % interval, everything else with its standard deviation over the episodes.
@@ -75,7 +75,7 @@ def navigation_table(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]])
         ((policy, scenes, str(len(episodes))), tuple(episode_values(metrics) for metrics in episodes))
         for (policy, scenes), episodes in groups.items()
     )
-    return Table(rows, ("policy", "scenes", "episodes"), COLUMNS, each="episode")
+    return Table(rows, ("policy", "scenes", "episodes"), EPISODE_COLUMNS, "episode")
 
 
 def failures(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]]) -> dict[tuple[str, str], dict[Outcome, int]]:

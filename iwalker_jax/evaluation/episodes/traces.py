@@ -9,17 +9,17 @@ import numpy as np
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.metrics import judged, row_of
 from iwalker_jax.evaluation.episodes.pictures import save_episode_grid
-from iwalker_jax.evaluation.episodes.walks import Batch, StudySettings
+from iwalker_jax.evaluation.episodes.schedule import EpisodeBatch, StudySettings
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
-from iwalker_jax.runtime.files import write_npz
-from iwalker_jax.tasks.task import Task
+from iwalker_jax.runtime import write_npz
+from iwalker_jax.tasks import Task
 
 _PANELS = 16  # episodes on a sheet
 
 
-def traces_file(folder: Path, settings: StudySettings, policy: str, batch: Batch) -> Path:
+def traces_file(folder: Path, settings: StudySettings, policy: str, batch: EpisodeBatch) -> Path:
     """Where the traces of a policy's batch are kept."""
-    return folder / "traces" / f"{settings.stem(policy, f'{batch.walks}-{batch.first}')}.npz"
+    return folder / "traces" / f"{settings.stem(policy, f'{batch.episode_set}-{batch.first}')}.npz"
 
 
 def save_traces(file: Path, record: EpisodeRecord) -> None:
@@ -49,15 +49,16 @@ def load_traces(file: Path) -> EpisodeRecord:
         return EpisodeRecord(**{name: stored[name] for name in EpisodeRecord._fields})
 
 
-def draw_sheets(settings: StudySettings, batches: Sequence[Batch], folder: Path) -> list[tuple[str, Path]]:
-    """One sheet of traces a policy and set of walks, failures first, from the folder's traces of all batches."""
+def draw_sheets(settings: StudySettings, batches: Sequence[EpisodeBatch], folder: Path) -> list[tuple[str, Path]]:
+    """One sheet of traces a policy and set of episodes, failures first, from the folder's traces of all batches."""
     sheets = []
     for policy in settings.policies:
         found: dict[str, list[tuple[Task, EpisodeRecord]]] = {}
         for batch in batches:
             record = load_traces(traces_file(folder, settings, policy, batch))
-            for i, walk in enumerate(batch.members):
-                found.setdefault(batch.walks, []).append((walk.task, judged(row_of(record, i), walk.task)))
+            for i, scheduled in enumerate(batch.episodes):
+                episode = judged(row_of(record, i), scheduled.task)
+                found.setdefault(batch.episode_set, []).append((scheduled.task, episode))
         for name, episodes in found.items():
             # A stable sort: within failures and successes the order of the tasks stays.
             chosen = sorted(episodes, key=lambda pair: pair[1].outcome[-1] == Outcome.REACHED)[:_PANELS]

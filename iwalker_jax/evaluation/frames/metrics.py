@@ -7,13 +7,11 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.geometry import arc_length, resample_by_arc_length, safe_norm, to_world
 from iwalker_jax.optimization import initial_state_from_reference, solve_step_mpc, solve_unicycle
+from iwalker_jax.perception import PUBLISHED_GRID, sample_bilinear
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
-from iwalker_jax.perception.grid import PUBLISHED_GRID
-from iwalker_jax.perception.map_sampling import sample_bilinear
-from iwalker_jax.planning.models import PlannerModels
+from iwalker_jax.planning import PlannerModels
 from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes
-from iwalker_jax.scenes.routes import RouteMap, cost_at, straight_line_clearance
-from iwalker_jax.scenes.scene import SceneArrays, obstacle_distance
+from iwalker_jax.scenes import RouteMap, SceneArrays, cost_at, obstacle_distance, straight_line_clearance
 
 GOAL_TOLERANCE = 0.3
 """[m] from the goal within which a path counts as reaching it."""
@@ -99,7 +97,7 @@ def true_metrics(
     pose: Float[Array, " 3"],
     scene: SceneArrays,
     shortest: RouteMap,
-    body_radius: float,
+    body_radius: float | Float[Array, ""],
 ) -> TrueMetrics:
     """Ground truth of one plan.
 
@@ -129,7 +127,11 @@ def true_metrics(
 
 
 def goal_in_view(
-    goal: Float[Array, " 2"], pose: Float[Array, " 3"], scene: SceneArrays, half_view: float, range_limit: float
+    goal: Float[Array, " 2"],
+    pose: Float[Array, " 3"],
+    scene: SceneArrays,
+    half_view: float | Float[Array, ""],
+    range_limit: float,
 ) -> Bool[Array, ""]:
     """Whether a goal lies in the camera's field of view with nothing in between, by ground truth.
 

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from iwalker_jax.evaluation.tables import COLUMNS, Table, aligned_text, markdown_table, spread
-from iwalker_jax.runtime.files import write_csv, write_text
-from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES
+from iwalker_jax.evaluation.frames.columns import FRAME_COLUMNS
+from iwalker_jax.evaluation.tables import Table, aligned_text, markdown_table, spread
+from iwalker_jax.runtime import write_csv, write_text
+from iwalker_jax.scenes import SEQUENCE_NAMES
 
 _DECIMALS = 3
 
@@ -171,5 +172,5 @@ def save_paper_tables(results: Table, folder: Path, note: str = "") -> None:
 
 
 def _heading(table: PaperTable) -> str:
-    meaning = next(column.meaning for column in COLUMNS if column.title == table.metric)
+    meaning = next(column.meaning for column in FRAME_COLUMNS if column.title == table.metric)
     return f"Table {table.number}: {table.metric} ({meaning})"

@@ -1,18 +1,20 @@
 """Picture sheets of evaluated frames: depth, map with the path before and after the MPC, footsteps, distance field."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure, show_on_ground
-from iwalker_jax.evaluation.frames.sequences import Sequence, SequenceResult
+from iwalker_jax.evaluation.frames.sequences import FrameSequence, SequenceResult
 from iwalker_jax.geometry import footstep_signs
 
 _VIEW = (-0.6, 5.0, 2.4)
 """[m] rear, front and half width of the ground shown."""
 
 
-def save_sheet(sequence: Sequence, result: SequenceResult, file: Path, frames: int = 6) -> None:
+def save_sheet(sequence: FrameSequence, result: SequenceResult, file: Path, frames: int = 6) -> None:
     """Write a PNG with `frames` evenly spaced frames of a sequence, one a column.
 
     Args:
@@ -52,14 +54,14 @@ def _title(result: SequenceResult) -> str:
     return text
 
 
-def _depth(axis, sequence: Sequence, result: SequenceResult, i: int) -> None:
+def _depth(axis: Axes, sequence: FrameSequence, result: SequenceResult, i: int) -> None:
     axis.imshow(np.ma.masked_equal(sequence.frames.depth_metres()[i], 0.0), vmin=0.0, vmax=6.0, cmap="viridis_r")
     axis.set_xticks([])
     axis.set_yticks([])
     axis.set_title(f"frame {i}, fear {result.fear[i]:.2f}", fontsize=8)
 
 
-def _ground(axis, values: np.ndarray, result: SequenceResult, i: int, **options) -> None:
+def _ground(axis: Axes, values: np.ndarray, result: SequenceResult, i: int, **options: Any) -> None:
     """Draw a map as seen from above, x up and y to the left, with robot and goal."""
     show_on_ground(axis, values, **options)
     rear, front, half = _VIEW
@@ -76,7 +78,7 @@ def _ground(axis, values: np.ndarray, result: SequenceResult, i: int, **options)
     axis.tick_params(labelsize=6)
 
 
-def _map(axis, result: SequenceResult, i: int) -> None:
+def _map(axis: Axes, result: SequenceResult, i: int) -> None:
     shown = np.where(result.maps.occupied[i], 0.0, np.where(result.maps.unknown[i], 0.6, 1.0))
     _ground(axis, shown, result, i, cmap="gray", vmin=0.0, vmax=1.0)
     axis.plot(result.path[i, :, 1], result.path[i, :, 0], "-", color="tab:red", label="path (iPath)")
@@ -84,7 +86,7 @@ def _map(axis, result: SequenceResult, i: int) -> None:
     axis.set_title(f"feas {result.plan.feasibility[i]:.2f}  stab {result.plan.stability[i]:.1f}", fontsize=7)
 
 
-def _footsteps(axis, result: SequenceResult, i: int) -> None:
+def _footsteps(axis: Axes, result: SequenceResult, i: int) -> None:
     shown = np.where(result.maps.occupied[i], 0.0, 1.0)
     _ground(axis, shown, result, i, cmap="gray", vmin=0.0, vmax=1.0)
     left = np.asarray(footstep_signs(result.stance_sign[i], result.footsteps.shape[1])) > 0
@@ -97,6 +99,6 @@ def _footsteps(axis, result: SequenceResult, i: int) -> None:
     axis.set_ylim(-0.3, reach - 0.1)
 
 
-def _distance_field(axis, result: SequenceResult, i: int) -> None:
+def _distance_field(axis: Axes, result: SequenceResult, i: int) -> None:
     _ground(axis, np.asarray(result.maps.esdf[i]), result, i, cmap="RdYlGn", vmin=-0.3, vmax=1.0)
     axis.plot(result.path[i, :, 1], result.path[i, :, 0], "-", color="black", linewidth=0.8)

@@ -3,17 +3,17 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from iwalker_jax.evaluation.frames.columns import FRAME_COLUMNS, frame_values
 from iwalker_jax.evaluation.frames.pictures import save_sheet
 from iwalker_jax.evaluation.frames.sequences import (
-    Sequence,
+    FrameSequence,
     evaluate_sequence,
     record_held_out_sequence,
     record_unseen_scenes,
 )
-from iwalker_jax.evaluation.tables import Table, result_row
-from iwalker_jax.planning.models import PlannerModels
-from iwalker_jax.planning.planner import Planner
-from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES
+from iwalker_jax.evaluation.tables import Table
+from iwalker_jax.planning import Planner, PlannerModels
+from iwalker_jax.scenes import SEQUENCE_NAMES
 
 
 def standard_sequences(
@@ -21,7 +21,7 @@ def standard_sequences(
     unseen_scenes: int = 60,
     seed: int = 0,
     say: Callable[[str], None] = lambda sentence: None,
-) -> list[Sequence]:
+) -> list[FrameSequence]:
     """The named test sequences and, unless `unseen_scenes` is 0, walks through that many held-out scenes."""
     sequences = []
     for name in names:
@@ -36,7 +36,7 @@ def standard_sequences(
 def evaluate_all(
     planner: Planner,
     models: PlannerModels,
-    sequences: list[Sequence],
+    sequences: list[FrameSequence],
     folder: Path | None = None,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> Table:
@@ -45,10 +45,10 @@ def evaluate_all(
     for sequence in sequences:
         say(f"evaluating {sequence.name} ({len(sequence.frames)} frames)")
         result = evaluate_sequence(planner, models, sequence)
-        rows.append(((sequence.name,), (result_row(result),)))
+        rows.append(((sequence.name,), (frame_values(result),)))
         if folder is not None:
             save_sheet(sequence, result, folder / f"{sequence.name}.png")
-    table = Table(tuple(rows))
+    table = Table(tuple(rows), ("scene",), FRAME_COLUMNS)
     if folder is not None:
         table.save(folder, "table")
     return table

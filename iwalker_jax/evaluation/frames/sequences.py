@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Key
 
-from iwalker_jax.data.camera_path import record_camera_path
-from iwalker_jax.data.frame_set import FrameSet, concatenate
-from iwalker_jax.data.path_sampling import CameraPathSampling
+from iwalker_jax.data import CameraPathSampling, FrameSet, concatenate, record_camera_path
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.frames.metrics import (
     PlanMetrics,
@@ -19,25 +18,20 @@ from iwalker_jax.evaluation.frames.metrics import (
     goal_in_view,
     goal_served,
     plan_metrics,
-    to_world,
     true_metrics,
 )
-from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.perception.local_map import LocalMap, build_local_map
-from iwalker_jax.planning.models import PlannerModels
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.geometry import to_world
+from iwalker_jax.perception import Intrinsics, LocalMap, build_local_map
+from iwalker_jax.planning import Plan, Planner, PlannerModels
 from iwalker_jax.planning.robot_state import sample_robot_state
 from iwalker_jax.planning.split_module import SplitModule, split_module
-from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
-from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, held_out_sequence
-from iwalker_jax.scenes.routes import shortest_distance
-from iwalker_jax.scenes.scene import Scene
+from iwalker_jax.scenes import SEQUENCE_NAMES, Scene, SceneArrays, held_out_scene, held_out_sequence, shortest_distance
 from iwalker_jax.streams import SEQUENCE_PATHS, UNSEEN_LAYOUTS, UNSEEN_PATHS
 
 _BATCH = 16
 
 
-class Sequence(NamedTuple):
+class FrameSequence(NamedTuple):
     """Frames to evaluate on and the scenes they were taken in (None for real recordings)."""
 
     name: str
@@ -64,20 +58,20 @@ class SequenceResult:
     """
 
     name: str
-    goals: np.ndarray
-    path: np.ndarray
-    tracked: np.ndarray
-    footsteps: np.ndarray
-    fear: np.ndarray
-    stance_sign: np.ndarray
+    goals: Float[np.ndarray, "n 2"]
+    path: Float[np.ndarray, "n p 2"]
+    tracked: Float[np.ndarray, "n p 2"]
+    footsteps: Float[np.ndarray, "n m 2"]
+    fear: Float[np.ndarray, " n"]
+    stance_sign: Float[np.ndarray, " n"]
     plan: PlanMetrics
     truth: TrueMetrics | None
-    in_view: np.ndarray | None
-    served: np.ndarray | None
+    in_view: Bool[np.ndarray, " n"] | None
+    served: Bool[np.ndarray, " n"] | None
     maps: LocalMap
 
 
-def record_held_out_sequence(name: str, frames: int = 60, seed: int = 0) -> Sequence:
+def record_held_out_sequence(name: str, frames: int = 60, seed: int = 0) -> FrameSequence:
     """The named test sequence (stair, office, corridor, corner): noisy frames along its route, goal at its end."""
     if name not in SEQUENCE_NAMES:
         raise InputError(f"Unknown test scene {name!r}; choose one of {', '.join(SEQUENCE_NAMES)}.")
@@ -88,12 +82,12 @@ def record_held_out_sequence(name: str, frames: int = 60, seed: int = 0) -> Sequ
     )
     if path is None:
         raise InputError(f"The route of test scene {name!r} does not fit the robot.")
-    return Sequence(name, path, (sequence.scene,))
+    return FrameSequence(name, path, (sequence.scene,))
 
 
 def record_unseen_scenes(
     scenes: int = 60, frames_per_scene: int = 5, seed: int = 0, on_progress: Callable[[int], None] = lambda done: None
-) -> Sequence:
+) -> FrameSequence:
     """Camera paths through scenes of the held-out generator, which no training seed can produce."""
     parts: list[FrameSet] = []
     kept: list[Scene] = []
@@ -107,13 +101,13 @@ def record_unseen_scenes(
             parts.append(path)
             kept.append(scene)
             on_progress(len(parts))
-    return Sequence("unseen", concatenate(parts), tuple(kept))
+    return FrameSequence("unseen", concatenate(parts), tuple(kept))
 
 
 def evaluate_sequence(
     planner: Planner,
     models: PlannerModels,
-    sequence: Sequence,
+    sequence: FrameSequence,
     goal_index: int = 0,
     intrinsics: Intrinsics = Intrinsics(),
     seed: int = 0,
@@ -146,7 +140,7 @@ def evaluate_sequence(
 
     truth = in_view = served = None
     if sequence.scenes is not None:
-        truth, in_view = _truth(sequence, goals, plan.path, plan.footsteps, models, intrinsics)
+        truth, in_view = _truth(frames, sequence.scenes, goals, plan.path, plan.footsteps, models, intrinsics)
         served = np.asarray(goal_served(truth, jnp.asarray(in_view)))
     return SequenceResult(
         name=sequence.name,
@@ -166,8 +160,15 @@ def evaluate_sequence(
 
 @functools.partial(jax.jit, static_argnames=("models", "intrinsics"))
 def _plan_batch(
-    network: SplitModule[Planner], depth, mounts, goals, keys, models: PlannerModels, intrinsics: Intrinsics
-):
+    network: SplitModule[Planner],
+    depth: Float[Array, "n height width"],
+    mounts: Float[Array, "n 5"],
+    goals: Float[Array, "n 2"],
+    keys: Key[Array, " n"],
+    models: PlannerModels,
+    intrinsics: Intrinsics,
+) -> tuple[Plan, Float[Array, "n p 2"], PlanMetrics, Float[Array, " n"], LocalMap]:
+    """Plans of frames, their paths after the unicycle MPC, what they are worth, the stance feet and the local maps."""
     maps = jax.vmap(lambda d, m: build_local_map(d, m, intrinsics))(depth, mounts)
     state = jax.vmap(lambda key: sample_robot_state(key, models.steps, models.hlip))(keys)
     plan = network.merge()(depth, goals, state, mounts)
@@ -176,14 +177,23 @@ def _plan_batch(
     return plan, tracked, metrics, state.stance_sign, maps
 
 
-def _truth(sequence, goals, paths, footsteps, models, intrinsics) -> tuple[TrueMetrics, np.ndarray]:
+def _truth(
+    frames: FrameSet,
+    scenes: tuple[Scene, ...],
+    goals: Float[np.ndarray, "n 2"],
+    paths: Float[np.ndarray, "n p 2"],
+    footsteps: Float[np.ndarray, "n m 2"],
+    models: PlannerModels,
+    intrinsics: Intrinsics,
+) -> tuple[TrueMetrics, Bool[np.ndarray, " n"]]:
+    """Ground truth of every frame's plan, frame axis first, and whether its goal is in view."""
     half_view = float(np.arctan2(intrinsics.width / 2, intrinsics.fx))
     rows, views = [], []
-    arrays = [scene.arrays() for scene in sequence.scenes]
+    arrays = [scene.arrays() for scene in scenes]
     for i in range(len(goals)):
         truth, view = _score_truth(
-            arrays[sequence.frames.scene_index[i]],
-            jnp.asarray(sequence.frames.poses[i]),
+            arrays[frames.scene_index[i]],
+            jnp.asarray(frames.poses[i]),
             jnp.asarray(goals[i]),
             jnp.asarray(paths[i]),
             jnp.asarray(footsteps[i]),
@@ -196,7 +206,16 @@ def _truth(sequence, goals, paths, footsteps, models, intrinsics) -> tuple[TrueM
 
 
 @jax.jit
-def _score_truth(scene, pose, goal, path, footsteps, body_radius, half_view):
+def _score_truth(
+    scene: SceneArrays,
+    pose: Float[Array, " 3"],
+    goal: Float[Array, " 2"],
+    path: Float[Array, "p 2"],
+    footsteps: Float[Array, "m 2"],
+    body_radius: float | Float[Array, ""],
+    half_view: float | Float[Array, ""],
+) -> tuple[TrueMetrics, Bool[Array, ""]]:
+    """Ground truth of one plan, and whether its goal is in view."""
     shortest = shortest_distance(scene, to_world(pose, goal))
     truth = true_metrics(path, footsteps, goal, pose, scene, shortest, body_radius)
     return truth, goal_in_view(goal, pose, scene, half_view, range_limit=6.0)

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.evaluation.walks.traces import draw_from_above, ground_extent, travelled
 from iwalker_jax.geometry import Side
-from iwalker_jax.walking import WalkRecord
+from iwalker_jax.walking.record import WalkRecord
 
 _FEET = ("right", "left")
 _DETAIL = 2.0
@@ -94,7 +95,7 @@ def _stride_mean(record: WalkRecord, values: np.ndarray) -> np.ndarray:
     return mean
 
 
-def _speed(axis, record: WalkRecord) -> None:
+def _speed(axis: Axes, record: WalkRecord) -> None:
     speeds = record.speeds_along_heading(record.com_velocity)
     if record.estimated_velocity is not None:
         estimate = record.speeds_along_heading(record.estimated_velocity)[:, 0]
@@ -109,7 +110,7 @@ def _speed(axis, record: WalkRecord) -> None:
     axis.legend(fontsize=7, ncols=2)
 
 
-def _posture(axis, record: WalkRecord) -> None:
+def _posture(axis: Axes, record: WalkRecord) -> None:
     roll, pitch, yaw = np.degrees(record.base_rpy).T
     finite = np.isfinite(yaw)
     yaw[finite] = np.unwrap(yaw[finite], period=360.0)
@@ -119,7 +120,7 @@ def _posture(axis, record: WalkRecord) -> None:
     axis.legend(fontsize=7)
 
 
-def _height(axis, record: WalkRecord) -> None:
+def _height(axis: Axes, record: WalkRecord) -> None:
     axis.plot(record.time, record.com[:, 2], color="black", linewidth=1.0, label="COM")
     for i, foot in enumerate(_FEET):
         axis.plot(
@@ -130,7 +131,7 @@ def _height(axis, record: WalkRecord) -> None:
     axis.legend(fontsize=7, loc="center right")
 
 
-def _torques(axis, record: WalkRecord, leg: slice, foot: str) -> None:
+def _torques(axis: Axes, record: WalkRecord, leg: slice, foot: str) -> None:
     for i in range(*leg.indices(record.torques.shape[1])):
         axis.plot(record.time, record.torques[:, i], linewidth=1.0, label=_motor_names(record)[i])
     signs = (-1.0, 1.0) if np.nanmin(record.torques) < 0.0 else (0.0, 1.0)
@@ -142,7 +143,7 @@ def _torques(axis, record: WalkRecord, leg: slice, foot: str) -> None:
     axis.set_ylim(*(1.3 * float(np.max(record.torque_limits[leg])) * np.array(signs)))
 
 
-def _peak_torques(axis, record: WalkRecord) -> None:
+def _peak_torques(axis: Axes, record: WalkRecord) -> None:
     share = 100.0 * np.abs(record.torques) / record.torque_limits
     names = _motor_names(record)
     places = np.arange(len(names))
@@ -159,7 +160,7 @@ def _motor_names(record: WalkRecord) -> Sequence[str]:
     return _MOTORS if count == len(_MOTORS) else [str(i) for i in range(count)]
 
 
-def _forces(axis, record: WalkRecord) -> None:
+def _forces(axis: Axes, record: WalkRecord) -> None:
     vertical = record.forces[..., 2].reshape(-1, 2, 2).sum(axis=2)
     for i, foot in enumerate(_FEET):
         axis.plot(record.time, vertical[:, i], color=FOOT_COLOURS[foot], linewidth=1.2, label=f"{foot} foot")
@@ -168,7 +169,7 @@ def _forces(axis, record: WalkRecord) -> None:
     axis.legend(fontsize=7, loc="upper right")
 
 
-def _friction(axis, record: WalkRecord) -> None:
+def _friction(axis: Axes, record: WalkRecord) -> None:
     ratios = record.friction_ratios()
     for i, foot in enumerate(_FEET):
         axis.plot(record.time, ratios[:, i], ".", color=FOOT_COLOURS[foot], markersize=1.5, label=f"{foot} foot")
@@ -179,7 +180,7 @@ def _friction(axis, record: WalkRecord) -> None:
     axis.legend(fontsize=7, loc="upper right", markerscale=5)
 
 
-def _footstep_errors(axis, record: WalkRecord) -> None:
+def _footstep_errors(axis: Axes, record: WalkRecord) -> None:
     errors = 100.0 * record.footstep_errors()
     steps = np.arange(len(errors)) + 1
     for side in Side:

@@ -2,20 +2,18 @@
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
-from os import PathLike
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.tables import Column, aligned_text, markdown_table
+from iwalker_jax.evaluation.tables import Column, Table
 from iwalker_jax.evaluation.walks.metrics import WalkMetrics, speed_error
-from iwalker_jax.runtime.files import atomic_write
 
 
-class Labels(NamedTuple):
+class WalkLabels(NamedTuple):
     """Which walks a row sums up: suite, case, engine and the seed of their conditions."""
 
     suite: str
@@ -24,7 +22,7 @@ class Labels(NamedTuple):
     seed: str
 
 
-COLUMNS = (
+WALK_COLUMNS = (
     Column("robots", "number of walks", 0),
     Column("falls", "walks that ended in a fall", 0),
     Column("survived %", "the others", 1),
@@ -41,7 +39,6 @@ COLUMNS = (
     Column("QP failures", "ticks whose whole-body QP did not converge", 0),
     Column("velocity RMS cm/s", "error of the COM velocity that the controller believes", 2),
 )
-_HEADER = [*Labels._fields, *(column.title for column in COLUMNS)]
 
 
 def summarise(metrics: Sequence[WalkMetrics]) -> dict[str, float]:
@@ -88,75 +85,40 @@ def _max(values: Sequence[float] | np.ndarray) -> float:
     return float(usable.max()) if len(usable) else float("nan")
 
 
-@dataclass(frozen=True)
-class WalkTable:
-    """Rows of cases.
-
-    Attributes:
-        rows: labels and figures of each.
-    """
-
-    rows: tuple[tuple[Labels, dict[str, float]], ...]
-
-    def holds(self, labels: Labels, robots: int) -> bool:
-        """Whether there is a row of these walks by as many robots."""
-        return any(own == labels and row["robots"] == robots for own, row in self.rows)
-
-    def cells(self) -> list[list[str]]:
-        """Formatted cells, header first."""
-        lines = [list(_HEADER)]
-        for labels, row in self.rows:
-            lines.append([*labels, *(_cell(row[column.title], column.decimals) for column in COLUMNS)])
-        return lines
-
-    def text(self) -> str:
-        """Aligned plain text."""
-        return aligned_text(self.cells())
-
-    def markdown(self) -> str:
-        """A Markdown table."""
-        return markdown_table(self.cells())
-
-    def save(self, folder: Path, name: str) -> None:
-        """Write name.txt, name.md and name.csv (full precision, which `load_table` reads)."""
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{name}.txt").write_text(f"{self.text()}\n\n{legend()}\n")
-        (folder / f"{name}.md").write_text(f"{self.markdown()}\n\n{legend()}\n")
-        # Whole, so that it can be read again whenever the study was stopped.
-        with atomic_write(folder / f"{name}.csv") as part, part.open("w", newline="") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(_HEADER)
-            for labels, row in self.rows:
-                writer.writerow([*labels, *(row[column.title] for column in COLUMNS)])
+EMPTY_WALK_TABLE = Table((), WalkLabels._fields, WALK_COLUMNS, sample=None)
+"""The table of walks before any case is measured."""
 
 
-def load_table(file: str | PathLike) -> WalkTable:
-    """The table of a CSV file that `WalkTable.save` wrote; an empty one if there is no file.
+def with_case(table: Table, labels: WalkLabels, values: dict[str, float]) -> Table:
+    """A table of walks with one more case, whose figures are as from `summarise`."""
+    return replace(table, rows=(*table.rows, (labels, (values,))))
+
+
+def load_walk_table(file: Path) -> Table:
+    """The table of a CSV file that a table of walks was saved to; `EMPTY_WALK_TABLE` if there is no file.
 
     Raises:
         InputError: a file with other columns, or cells that are not numbers.
     """
-    if not Path(file).exists():
-        return WalkTable(())
-    with Path(file).open(newline="") as stream:
+    if not file.exists():
+        return EMPTY_WALK_TABLE
+    with file.open(newline="") as stream:
         header, *lines = list(csv.reader(stream)) or [[]]
     try:
-        if header != _HEADER:
+        if header != EMPTY_WALK_TABLE.header():
             raise ValueError
-        count = len(Labels._fields)
-        rows = [(Labels(*line[:count]), [float(cell) for cell in line[count:]]) for line in lines]
-        titles = [column.title for column in COLUMNS]
-        return WalkTable(tuple((labels, dict(zip(titles, values, strict=True))) for labels, values in rows))
+        count, titles = len(WalkLabels._fields), [column.title for column in WALK_COLUMNS]
+        table = EMPTY_WALK_TABLE
+        for line in lines:
+            values = dict(zip(titles, map(float, line[count:]), strict=True))
+            table = with_case(table, WalkLabels(*line[:count]), values)
+        return table
     except (TypeError, ValueError):
         raise InputError(
             f"{file} is not a table that this version writes; move it away or choose another folder."
         ) from None
 
 
-def _cell(value: float, decimals: int) -> str:
-    return f"{value:.{decimals}f}" if np.isfinite(value) else "-"
-
-
-def legend() -> str:
-    """What the columns mean, one a line."""
-    return "\n".join(f"- {column.title}: {column.meaning}." for column in COLUMNS)
+def has_case(table: Table, labels: WalkLabels, robots: int) -> bool:
+    """Whether a table of walks has a row of these walks by as many robots."""
+    return any(own == labels and values["robots"] == robots for own, (values,) in table.rows)

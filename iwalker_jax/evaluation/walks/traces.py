@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.geometry import Side
-from iwalker_jax.walking import WalkRecord
+from iwalker_jax.walking.record import WalkRecord
 
 _MARK_LENGTH = 0.045
 """[m] drawn of a line foot, about its middle; steps of one foot are often shorter than the whole foot."""
@@ -52,7 +54,7 @@ def save_trace_grid(
     save_figure(figure, file)
 
 
-def draw_from_above(axis, record: WalkRecord, low: np.ndarray, high: np.ndarray) -> None:
+def draw_from_above(axis: Axes, record: WalkRecord, low: np.ndarray, high: np.ndarray) -> None:
     """Draw a walk as seen from above, x to the right and y up, on the ground between two corners [m]."""
     if record.path is not None:
         axis.plot(record.path[:, 0], record.path[:, 1], "-", color="tab:red", linewidth=1.0, label="path")
@@ -72,7 +74,7 @@ def draw_from_above(axis, record: WalkRecord, low: np.ndarray, high: np.ndarray)
     axis.set_ylabel("y [m]", fontsize=8)
 
 
-def _feet(axis, positions: np.ndarray, yaws: np.ndarray, label: str, **options) -> None:
+def _feet(axis: Axes, positions: np.ndarray, yaws: np.ndarray, label: str, **options: Any) -> None:
     """Draw line feet; a label that the axis has already is not repeated."""
     if label in axis.get_legend_handles_labels()[1]:
         label = "_"

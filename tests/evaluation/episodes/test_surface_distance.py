@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from bruce_model import crouch_qpos
-from iwalker_jax.evaluation.episodes.surface_distance import original_surface, surface_distance
+from iwalker_jax.evaluation.episodes.surface_distance import least_surface_distance, original_surface
 from iwalker_jax.navigation.body_volume import body_clearance_at
 from iwalker_jax.robot import load_robot
 from iwalker_jax.scenes.imported.mesh_distance import mesh_clearance
@@ -51,7 +51,7 @@ def test_distances_to_solids_are_those_of_the_converted_scene(bruce_mujoco, bruc
     clearances = jax.jit(jax.vmap(lambda state: body_clearance_at(robot, bruce_volume, scene, state)))
     exact = clearances(jnp.asarray(states(), jnp.float32))
     assert 0.01 < float(exact.min()) < 0.3
-    assert surface_distance(surface, bruce_volume, bruce_mujoco, states()) == pytest.approx(
+    assert least_surface_distance(surface, bruce_volume, bruce_mujoco, states()) == pytest.approx(
         float(exact.min()), abs=2e-3
     )
 
@@ -66,9 +66,9 @@ def test_of_all_spheres_and_faces_the_nearest_count(bruce_mujoco, bruce_volume):
         for body, offset, radius in zip(*(np.asarray(leaf) for leaf in bruce_volume), strict=True):
             place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ offset
             least = min(least, float(mesh_clearance(torus, place[None])[0]) - float(radius))
-    assert surface_distance(torus, bruce_volume, bruce_mujoco, states()) == pytest.approx(least, abs=1e-6)
+    assert least_surface_distance(torus, bruce_volume, bruce_mujoco, states()) == pytest.approx(least, abs=1e-6)
 
 
 def test_nothing_near_is_infinitely_far(bruce_mujoco, bruce_volume):
     far = trimesh.creation.box(bounds=[[5, 5, 0.1], [6, 6, 1]])
-    assert surface_distance(far, bruce_volume, bruce_mujoco, states(2)) == np.inf
+    assert least_surface_distance(far, bruce_volume, bruce_mujoco, states(2)) == np.inf

@@ -7,10 +7,10 @@ import pytest
 from scipy import stats
 
 from iwalker_jax.evaluation.episodes.metrics import EpisodeMetrics
-from iwalker_jax.evaluation.episodes.tables import COLUMNS, episode_values, failures, navigation_table
+from iwalker_jax.evaluation.episodes.tables import EPISODE_COLUMNS, episode_table, episode_values, failures
 from iwalker_jax.navigation.record import Outcome
 
-TITLES = [column.title for column in COLUMNS]
+TITLES = [column.title for column in EPISODE_COLUMNS]
 GOOD = EpisodeMetrics(Outcome.REACHED, 20.0, 4.0, 3.0, 0.75, 0.12, 1.0, 0.28, 0.8, 0.001, 0.03, 0.25)
 BAD = GOOD._replace(outcome=Outcome.COLLIDED, spl=0.0, clearance=-0.01, goals=0.5)
 
@@ -29,13 +29,13 @@ def test_a_robot_that_only_believes_is_no_success():
     values = episode_values(GOOD._replace(outcome=Outcome.MISTAKEN, goals=2 / 3, end=0.55))
     assert values["success %"] == 0 and values["mistaken %"] == 100 and np.isnan(values["time s"])
     assert values["end cm"] == pytest.approx(55.0)
-    rates = [column.title for column in COLUMNS if column.rate]
+    rates = [column.title for column in EPISODE_COLUMNS if column.rate]
     assert sum(values[title] for title in rates) == 100
 
 
 def test_rates_come_with_intervals_and_figures_with_deviations(tmp_path):
     """Oracle: SciPy's Wilson interval and NumPy's deviation of a sample."""
-    table = navigation_table({("default", "office"): [GOOD] * 7 + [BAD] * 3, ("classical", "office"): [BAD]})
+    table = episode_table({("default", "office"): [GOOD] * 7 + [BAD] * 3, ("classical", "office"): [BAD]})
     header, row, other = table.cells()
     assert header == ["policy", "scenes", "episodes", *TITLES]
     assert row[:3] == ["default", "office", "10"]
@@ -44,11 +44,11 @@ def test_rates_come_with_intervals_and_figures_with_deviations(tmp_path):
     assert row[3 + TITLES.index("SPL")] == f"{0.525:.2f} +- {np.std([0.75] * 7 + [0.0] * 3, ddof=1):.2f}"
     assert row[3 + TITLES.index("time s")] == "20.0 +- 0.0"
     assert other[3 + TITLES.index("time s")] == "-"
-    table.save(tmp_path, "navigation")
-    with (tmp_path / "navigation.csv").open() as stream:
+    table.save(tmp_path, "episode_table")
+    with (tmp_path / "episode_table.csv").open() as stream:
         lines = list(csv.DictReader(stream))
     assert len(lines) == 11 and lines[0]["episode"] == "0" and float(lines[8]["clearance cm"]) == -1.0
-    assert all(column.meaning in (tmp_path / "navigation.md").read_text() for column in COLUMNS)
+    assert all(column.meaning in (tmp_path / "episode_table.md").read_text() for column in EPISODE_COLUMNS)
 
 
 def test_failures_are_counted_by_kind():

@@ -5,6 +5,7 @@ import csv
 import numpy as np
 import pytest
 
+from iwalker_jax.evaluation.frames.columns import FRAME_COLUMNS
 from iwalker_jax.evaluation.frames.paper_tables import (
     PAPER_TABLES,
     apart,
@@ -15,10 +16,10 @@ from iwalker_jax.evaluation.frames.paper_tables import (
     scene_values,
     verdict,
 )
-from iwalker_jax.evaluation.tables import COLUMNS, Table
+from iwalker_jax.evaluation.tables import Table
 from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES
 
-TITLES = [column.title for column in COLUMNS]
+TITLES = [column.title for column in FRAME_COLUMNS]
 SEEDS = {"iplanner": (2.0, 2.2, 2.4), "finetuned": (1.0, 1.6, 2.2), "iwalker": (0.5, 0.6, 0.7)}
 
 
@@ -28,7 +29,7 @@ def results(**scenes: dict[str, tuple[float, ...]]) -> Table:
     for scene in (*SEQUENCE_NAMES, "unseen"):
         for method, seeds in scenes.get(scene, SEEDS).items():
             rows.append(((method, scene), tuple(dict.fromkeys(TITLES, value) for value in seeds)))
-    return Table(tuple(rows), labels=("method", "scene"))
+    return Table(tuple(rows), ("method", "scene"), FRAME_COLUMNS)
 
 
 def test_cells_are_means_and_deviations_with_the_best_marked():
@@ -65,7 +66,7 @@ def test_cells_that_read_alike_are_no_win():
     assert "than iplanner in 0 of 4 scenes (0 beyond both spreads, 4 alike)" in said
     assert "than finetuned in 4 of 4 scenes (4 beyond both spreads)" in said
     metrics = {table.metric for table in PAPER_TABLES}
-    assert {column.decimals for column in COLUMNS if column.title in metrics} == {3}
+    assert {column.decimals for column in FRAME_COLUMNS if column.title in metrics} == {3}
 
 
 def test_apart_means_that_the_bars_do_not_overlap():

@@ -8,9 +8,16 @@ import pytest
 from iwalker_jax.control import FootstepPlan
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks.metrics import find_landings, robot_rows, speed_error, walk_metrics, walk_record
-from iwalker_jax.evaluation.walks.tables import Labels, WalkTable, load_table, summarise
-from iwalker_jax.geometry import Side
-from iwalker_jax.walking import Sample
+from iwalker_jax.evaluation.walks.tables import (
+    EMPTY_WALK_TABLE,
+    WalkLabels,
+    has_case,
+    load_walk_table,
+    summarise,
+    with_case,
+)
+from iwalker_jax.geometry.sides import Side
+from iwalker_jax.walking.rollout import Sample
 
 STEP_TIME, INTERVAL = 0.24, 0.02
 LIMITS = np.full(16, 10.5)
@@ -146,17 +153,21 @@ def test_tables_gather_robots_and_can_be_read_back(tmp_path):
     # Ten footsteps 1 cm off, and two of the other robot before it fell, without error.
     assert row["footstep mean cm"] == pytest.approx(10 / 12) and row["footstep max cm"] == pytest.approx(1.0)
     assert row["steps made %"] == pytest.approx((100 + 20) / 2)
-    labels = Labels("nominal", "straight", "mjx", "7")
-    table = WalkTable(((labels, row),))
+    labels = WalkLabels("nominal", "straight", "mjx", "7")
+    table = with_case(EMPTY_WALK_TABLE, labels, row)
     table.save(tmp_path, "study")
     with (tmp_path / "study.csv").open() as stream:
         (line,) = csv.DictReader(stream)
     assert line["case"] == "straight" and float(line["footstep mean cm"]) == row["footstep mean cm"]
     assert "| nominal | straight | mjx | 7 | 2 | 1 | 50.0 | 60.0 |" in (tmp_path / "study.md").read_text()
-    again = load_table(tmp_path / "study.csv")
+    again = load_walk_table(tmp_path / "study.csv")
     assert again.rows[0][0] == labels and again.text() == table.text()
-    assert again.rows[0][1] == pytest.approx(row, abs=0, nan_ok=True)
-    assert again.holds(labels, 2) and not again.holds(labels, 3) and not again.holds(labels._replace(seed="8"), 2)
+    assert again.rows[0][1][0] == pytest.approx(row, abs=0, nan_ok=True)
+    assert (
+        has_case(again, labels, 2)
+        and not has_case(again, labels, 3)
+        and not has_case(again, labels._replace(seed="8"), 2)
+    )
 
 
 def test_a_robot_that_stops_early_has_not_made_its_steps():
@@ -174,11 +185,11 @@ def test_a_robot_that_stops_early_has_not_made_its_steps():
 def test_other_tables_are_refused(tmp_path, text):
     """Property: empty, foreign and damaged files are one sentence; no file is an empty table."""
     file = tmp_path / "walk_study.csv"
-    assert load_table(file).rows == ()
+    assert load_walk_table(file).rows == ()
     if text is None:
         row = summarise([walk_metrics(walk_of(straight_plan(10, 0.04)), straight_plan(10, 0.04), LIMITS, STEP_TIME)])
-        WalkTable(((Labels("nominal", "straight", "mjx", "0"), row),)).save(tmp_path, "walk_study")
+        with_case(EMPTY_WALK_TABLE, WalkLabels("nominal", "straight", "mjx", "0"), row).save(tmp_path, "walk_study")
         text = file.read_text()[:-40]
     file.write_text(text)
     with pytest.raises(InputError, match="move it away"):
-        load_table(file)
+        load_walk_table(file)

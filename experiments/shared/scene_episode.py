@@ -1,8 +1,7 @@
-"""The walk through a scene: camera, planner, walking and physics for one robot, with its trace, film and figures."""
+"""One episode in a scene: camera, planner, walking and physics for one robot, with its trace, film and figures."""
 
 import dataclasses
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,22 +10,29 @@ import numpy as np
 from bruce_model import load_mujoco
 from experiments.shared.console import progress_bar, say
 from experiments.shared.planners import planner_of
+from experiments.shared.walk_options import EpisodeOptions, SharedOptions
 from experiments.shared.walk_output import finite_or_none
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.episodes.film import write_film
-from iwalker_jax.evaluation.episodes.metrics import episode_metrics, judged, row_of
-from iwalker_jax.evaluation.episodes.pictures import save_episode
-from iwalker_jax.evaluation.episodes.surface_distance import AROUND, original_surface, surface_distance
+from iwalker_jax.evaluation.episodes import (
+    AROUND,
+    episode_metrics,
+    judged,
+    least_surface_distance,
+    original_surface,
+    row_of,
+    save_episode,
+    write_film,
+)
 from iwalker_jax.navigation.body_volume import BodyVolume
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
-from iwalker_jax.runtime.files import write_json
+from iwalker_jax.runtime import write_json
+from iwalker_jax.scenes import Scene
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene
 from iwalker_jax.scenes.imported.voxel_boxes import Bounds
 from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS
-from iwalker_jax.scenes.scene import Scene
-from iwalker_jax.tasks.named import TASK_NAMES, named_task
+from iwalker_jax.tasks import TASK_NAMES, Task, named_task
 from iwalker_jax.tasks.routes import (
     PACE,
     clearances,
@@ -34,55 +40,35 @@ from iwalker_jax.tasks.routes import (
     single_precision,
     time_limit,
 )
-from iwalker_jax.tasks.task import Task
-from iwalker_jax.walking import Disturbances, Sensors
-
-PRETRAINED = "pretrained"
+from iwalker_jax.walking import Disturbances
 
 _DETOUR = 2.0
 """Length of the way, by that of the straight line, that is allowed to where no route leads."""
 
 
-@dataclass(frozen=True)
-class SceneWalk:
-    """What the command line asks for; see `experiments.walk` for the fields' meaning."""
-
-    scene: str
-    policy: str
-    navigation: str
-    start: tuple[float, float, float] | None
-    goals: tuple[tuple[float, float], ...]
-    bounds: Bounds | None
-    sensors: Sensors
-    disturbances: Disturbances
-    seed: int
-    video: bool
-    out: Path
-
-    @property
-    def file(self) -> Path | None:
-        """The user's own scene file, if it is one."""
-        return None if self.scene in TASK_NAMES else Path(self.scene)
-
-
-def task_of(walk: SceneWalk) -> Task:
+def task_of(options: EpisodeOptions, seed: int) -> Task:
     """The task of a demonstration's or test sequence's name, or of a user's own scene file with start and goals.
+
+    Args:
+        options: with a scene.
+        seed: of a demonstration's start.
 
     Raises:
         InputError: for an unknown scene, a file that cannot be used, or a start where the robot does not fit.
     """
-    if walk.file is None:
-        if walk.bounds is not None:
-            raise InputError(f"--bounds belongs to a scene file, but {walk.scene} has its own; leave it out.")
-        task = named_task(walk.scene, walk.seed)
-        if walk.start is None and not walk.goals:
+    file = options.scene_file
+    if file is None:
+        if options.bounds is not None:
+            raise InputError(f"--bounds belongs to a scene file, but {options.scene} has its own; leave it out.")
+        task = named_task(str(options.scene), seed)
+        if options.start is None and not options.goals:
             return task
-        name, scene, start, goals = task.name, task.scene, task.start, walk.goals or task.goals
+        name, scene, start, goals = task.name, task.scene, task.start, options.goals or task.goals
     else:
-        name, scene = walk.file.stem, _scene_of(walk.file, walk.goals, walk.bounds)
-        start, goals = (0.0, 0.0, 0.0), walk.goals
-    if walk.start is not None:
-        x, y, degrees = walk.start
+        name, scene = file.stem, _scene_of(file, options.goals, options.bounds)
+        start, goals = (0.0, 0.0, 0.0), options.goals
+    if options.start is not None:
+        x, y, degrees = options.start
         start = (x, y, math.radians(degrees))
     task = Task(name, scene, start, np.asarray(goals))
     _check_start(task)
@@ -119,50 +105,49 @@ def allowed_length(task: Task) -> float:
     return sum(away if length is None else length for away, length in zip(direct, lengths, strict=True))
 
 
-def walk_in_scene(walk: SceneWalk) -> None:
-    """Walk, say how it ended, and save trace, film and figures.
+def run_scene_episode(options: EpisodeOptions, shared: SharedOptions) -> None:
+    """Run the episode, say how it ended, and save trace, film and figures.
 
     Raises:
         InputError: for an unknown scene or policy, or files that cannot be used.
     """
-    task = task_of(walk)
-    planner, _, name = planner_of(None if walk.policy == PRETRAINED else Path(walk.policy))
-    navigator = make_navigator(walk.navigation, planner, walk.sensors)
-    disturbances = walk.disturbances
+    task = task_of(options, shared.seed)
+    planner, _, name = planner_of(options.run)
+    navigator = make_navigator(options.policy, planner, shared.sensors or "nominal")
+    disturbances: Disturbances = shared.disturbances
     if disturbances.push_impulse:
         disturbances = dataclasses.replace(disturbances, push_after=allowed_length(task) / PACE / 2)
     program = EpisodeProgram(navigator, 1, 1, images=True, disturbances=disturbances)
     with progress_bar("simulated seconds", round(task.time_limit)) as advance:
         advance(0, "compiling, a minute or two the first time")
-        record = program.run([task], walk.seed, on_progress=lambda done, up: advance(round(done), task.name))
+        record = program.run([task], shared.seed, on_progress=lambda done, up: advance(round(done), task.name))
     episode = judged(row_of(record, 0), task)
     metrics = episode_metrics(episode, task)
     outcome = Outcome(int(episode.outcome[-1]))
     simulated = float(episode.time[-1])
-    say(f"\nBRUCE {SENTENCES[outcome]} after {simulated:.1f} s ({task.name}, {name}, {walk.navigation}).")
+    say(f"\nBRUCE {SENTENCES[outcome]} after {simulated:.1f} s ({task.name}, {name}, {options.policy}).")
     route = f"the shortest route is {metrics.shortest:.1f} m; SPL {metrics.spl:.2f}"
     say(f"Walked {metrics.walked:.1f} m, {route if math.isfinite(metrics.shortest) else 'but no route leads there'}.")
     say(f"Least clearance {100 * float(episode.clearance.min()):.1f} cm, mean speed {metrics.speed:.2f} m/s.")
     figures = {"task": task.name, **metrics._asdict(), "outcome": outcome.name}
-    if walk.file is not None:
-        figures["surface_distance"] = _surface_distance(walk.file, navigator.volume, episode)
+    if options.scene_file is not None:
+        figures["surface_distance"] = _surface_distance(options.scene_file, navigator.volume, episode)
     say(
         f"Simulation {simulated / max(program.run_seconds, 1e-9):.1f} x real time, camera included; "
         f"{program.compile_seconds:.0f} s more to compile and start."
     )
-    walk.out.mkdir(parents=True, exist_ok=True)
-    save_episode(task, episode, walk.out / "trace.png")
+    save_episode(task, episode, shared.out / "trace.png")
     plain = {name: value if isinstance(value, str) else finite_or_none(float(value)) for name, value in figures.items()}
-    write_json(walk.out / "figures.json", plain)
-    filmed = walk.video and _film(walk.out / "film.mp4", task, episode)
-    say(f"Trace{', figures and film' if filmed else ' and figures'} are in {walk.out}.")
+    write_json(shared.out / "figures.json", plain)
+    filmed = shared.video and _film(shared.out / "film.mp4", task, episode)
+    say(f"Trace{', figures and film' if filmed else ' and figures'} are in {shared.out}.")
 
 
 def _surface_distance(file: Path, volume: BodyVolume, episode: EpisodeRecord) -> float:
     """[m] from the walked body to what the file itself describes; says it."""
     qpos = np.asarray(episode.qpos, np.float64)
     qpos = qpos[np.isfinite(qpos).all(axis=1)]
-    distance = surface_distance(original_surface(file), volume, load_mujoco(), qpos) if len(qpos) else math.nan
+    distance = least_surface_distance(original_surface(file), volume, load_mujoco(), qpos) if len(qpos) else math.nan
     words = f"{100 * distance:.1f} cm" if math.isfinite(distance) else f"more than {AROUND:g} m"
     say(f"Least distance to the surfaces of {file.name} itself {words}.")
     return distance

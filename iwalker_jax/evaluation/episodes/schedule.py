@@ -1,4 +1,4 @@
-"""What a closed-loop study walks: which policies, which tasks, and by what names its results are kept."""
+"""What a closed-loop study runs: which policies, which tasks in which batches, and by what names results are kept."""
 
 import re
 from collections.abc import Sequence
@@ -9,35 +9,35 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.log import EpisodeKey
 from iwalker_jax.navigation.navigators import POLICIES
 from iwalker_jax.streams import STUDY_TASKS, mixed_seed
-from iwalker_jax.tasks.generated import generated_tasks
-from iwalker_jax.tasks.named import TASK_NAMES, named_task
-from iwalker_jax.tasks.task import Task
+from iwalker_jax.tasks import TASK_NAMES, Task, generated_tasks, named_task
 
 GENERATED = "generated"
-"""The set of walks in scenes that training never shows."""
+"""The set of episodes in scenes that training never shows."""
 
-WALKS: tuple[str, ...] = (GENERATED, *TASK_NAMES)
+EPISODE_SETS: tuple[str, ...] = (GENERATED, *TASK_NAMES)
+"""Names of all sets of episodes."""
 
-OF = "@"
+NETWORKS_MARK = "@"
 """In a policy's name, before the name of the networks that it asks instead of the study's own."""
 
 
 @dataclass(frozen=True)
 class StudySettings:
-    """What is walked.
+    """What is run.
 
     Attributes:
         planner: name of the networks, for the log.
-        policies: of `POLICIES`, followed by @ and a name where they ask other networks; walks: of `WALKS`.
-        count: of generated walks; seeds: of each other set of walks.
+        policies: of `POLICIES`, followed by @ and a name where they ask other networks; episode_sets: of
+            `EPISODE_SETS`.
+        count: of generated episodes; seeds: of each other set.
         depth: noisy or ideal camera; state: estimated from sensors or true.
         seed: of tasks, robots and noise.
-        width: episodes walked at a time.
+        width: episodes run at a time.
     """
 
     planner: str
     policies: tuple[str, ...] = tuple(POLICIES)
-    walks: tuple[str, ...] = (GENERATED, "factory", "corridor", "office")
+    episode_sets: tuple[str, ...] = (GENERATED, "factory", "corridor", "office")
     count: int = 200
     seeds: int = 10
     depth: Literal["noisy", "ideal"] = "noisy"
@@ -49,7 +49,7 @@ class StudySettings:
         kinds = tuple(policy_and_networks(policy)[0] for policy in self.policies)
         for title, given, names, known in (
             ("policy", self.policies, kinds, tuple(POLICIES)),
-            ("set of walks", self.walks, self.walks, WALKS),
+            ("set of episodes", self.episode_sets, self.episode_sets, EPISODE_SETS),
         ):
             unknown = [whole for whole, name in zip(given, names) if name not in known]
             if unknown or not given or len(set(given)) < len(given):
@@ -61,7 +61,7 @@ class StudySettings:
                 raise InputError(f"The study's {name} is {getattr(self, name)}; give at least {low}.")
         if max(self.count, self.seeds) > STUDY_TASKS.size:
             raise InputError(
-                f"A set of more than {STUDY_TASKS.size} walks was asked for; give smaller count and seeds."
+                f"A set of more than {STUDY_TASKS.size} episodes was asked for; give smaller count and seeds."
             )
 
     def stem(self, policy: str, what: str | int) -> str:
@@ -78,58 +78,58 @@ class StudySettings:
 
 def policy_and_networks(policy: str) -> tuple[str, str]:
     """Name of a policy of `POLICIES`, and what is said of other networks than the study's own; empty if nothing."""
-    name, _, other = policy.partition(OF)
+    name, _, other = policy.partition(NETWORKS_MARK)
     return name, other
 
 
-class Walk(NamedTuple):
-    """One task of a set of walks and its number in the set."""
+class ScheduledEpisode(NamedTuple):
+    """One task of a set of episodes and its number in the set."""
 
-    walks: str
+    episode_set: str
     number: int
     task: Task
 
 
-class Batch(NamedTuple):
-    """Tasks of one set that are walked at a time; which set, the number of its first task, and the conditions' seed."""
+class EpisodeBatch(NamedTuple):
+    """Episodes of one set that are run at a time; which set, the number of the first, and the conditions' seed."""
 
-    walks: str
+    episode_set: str
     first: int
-    members: tuple[Walk, ...]
+    episodes: tuple[ScheduledEpisode, ...]
     seed: int
 
 
-def walks_of(settings: StudySettings) -> list[Walk]:
-    """All tasks of a study, set by set; task k of a set is the same however many there are."""
-    walks = []
-    for name in settings.walks:
+def scheduled_episodes(settings: StudySettings) -> list[ScheduledEpisode]:
+    """All episodes of a study, set by set; task k of a set is the same however many there are."""
+    episodes = []
+    for name in settings.episode_sets:
         if name == GENERATED:
-            # Studies with other seeds walk elsewhere.
+            # Studies with other seeds have other tasks.
             tasks = generated_tasks(settings.count, STUDY_TASKS.number(settings.seed))
         else:
             tasks = [named_task(name, STUDY_TASKS.number(settings.seed, k)) for k in range(settings.seeds)]
-        walks += [Walk(name, number, task) for number, task in enumerate(tasks)]
-    return walks
+        episodes += [ScheduledEpisode(name, number, task) for number, task in enumerate(tasks)]
+    return episodes
 
 
-def batches_of(settings: StudySettings, walks: Sequence[Walk]) -> list[Batch]:
-    """The tasks of a study in batches, each of one set: what a robot meets does not depend on the other sets."""
+def episode_batches(settings: StudySettings, episodes: Sequence[ScheduledEpisode]) -> list[EpisodeBatch]:
+    """The episodes of a study in batches, each of one set: what a robot meets does not depend on the other sets."""
     batches = []
-    for name in settings.walks:
-        own = [walk for walk in walks if walk.walks == name]
+    for name in settings.episode_sets:
+        own = [episode for episode in episodes if episode.episode_set == name]
         for first in range(0, len(own), settings.width):
             seed = conditions_seed(settings.seed, name, first)
-            batches.append(Batch(name, first, tuple(own[first : first + settings.width]), seed))
+            batches.append(EpisodeBatch(name, first, tuple(own[first : first + settings.width]), seed))
     return batches
 
 
-def conditions_seed(seed: int, walks: str, first: int) -> int:
+def conditions_seed(seed: int, episode_set: str, first: int) -> int:
     """Seed of robots and noise of the batch that begins with a number of a set, in the study of a seed."""
-    return mixed_seed(seed, *walks.encode(), first)
+    return mixed_seed(seed, *episode_set.encode(), first)
 
 
-def key_of(settings: StudySettings, policy: str, walk: Walk) -> EpisodeKey:
+def episode_key(settings: StudySettings, policy: str, episode: ScheduledEpisode) -> EpisodeKey:
     """The log's key of an episode."""
     s = settings
     name, planner = s.who(policy)
-    return EpisodeKey(planner, s.depth, s.state, s.seed, s.width, name, walk.walks, walk.number)
+    return EpisodeKey(planner, s.depth, s.state, s.seed, s.width, name, episode.episode_set, episode.number)

@@ -1,7 +1,11 @@
-"""The walk through a scene: what is refused, how long it may take, and what it leaves, with the walking pretended."""
+"""An episode in a scene: what is refused, how long it may take, and what it leaves, with the walking pretended.
+
+Oracles: hand arithmetic, the demonstrations' own limits, and the command's sentences.
+"""
 
 import json
 import math
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -10,12 +14,14 @@ import tyro
 
 from bruce_model import load_mujoco
 from experiments import walk
-from experiments.shared import scene_walk as walk_scene
+from experiments.shared import scene_episode
+from experiments.shared.walk_options import EpisodeOptions, SharedOptions, WalkOptions, option_values
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.body_volume import load_body_volume
 from iwalker_jax.navigation.record import Outcome
 from iwalker_jax.tasks.named import demonstration
 from iwalker_jax.tasks.routes import time_limit
+from iwalker_jax.walking.commands import Motion
 from tests.evaluation.episode_records import make_record, room
 from tests.experiments.commands import fails_with_one_sentence
 from tests.scenes.test_user_scene import mesh_of
@@ -41,9 +47,9 @@ def pretended(monkeypatch):
         volume = load_body_volume(load_mujoco())
 
     monkeypatch.setattr(Program, "made", [])
-    monkeypatch.setattr(walk_scene, "EpisodeProgram", Program)
-    monkeypatch.setattr(walk_scene, "planner_of", lambda run: (None, None, "pretrained"))
-    monkeypatch.setattr(walk_scene, "make_navigator", lambda *arguments: Navigator())
+    monkeypatch.setattr(scene_episode, "EpisodeProgram", Program)
+    monkeypatch.setattr(scene_episode, "planner_of", lambda run: (None, None, "pretrained"))
+    monkeypatch.setattr(scene_episode, "make_navigator", lambda *arguments: Navigator())
     return Program.made
 
 
@@ -60,7 +66,7 @@ def test_a_machine_that_cannot_draw_keeps_its_other_results(pretended, file, tmp
     def blind(*arguments):
         raise InputError("there is nothing to draw with.")
 
-    monkeypatch.setattr(walk_scene, "write_film", blind)
+    monkeypatch.setattr(scene_episode, "write_film", blind)
     options = ["--scene", str(file), "--start", "1", "1", "0", "--goals", "5", "1", "--out", str(tmp_path / "out")]
     assert walk.main([*options, "--push-impulse", "1"]) == 0
     printed = capsys.readouterr().out
@@ -74,39 +80,40 @@ def test_a_machine_that_cannot_draw_keeps_its_other_results(pretended, file, tmp
     disturbances, task = pretended
     assert disturbances.push_impulse == 1
     # Around the partition's end at (3, 2) the way is longer than straight ahead; the push comes halfway at 0.25 m/s.
-    length = walk_scene.allowed_length(task)
+    length = scene_episode.allowed_length(task)
     assert 2 * math.dist((1, 1), (3, 2.2)) < length < 6
     assert disturbances.push_after == pytest.approx(length / 0.25 / 2)
     assert task.time_limit == pytest.approx(time_limit(length))
 
 
-def scene_walk(*options):
-    return walk.scene_walk(tyro.cli(walk.Command, args=list(options)))
+def task_of(*options):
+    command = tyro.cli(walk.Command, args=list(options))
+    return scene_episode.task_of(command.episode, command.shared.seed)
 
 
 def test_the_time_limit_is_that_of_the_tour():
     """Oracle: the demonstration's own limit for its own goals; there and back takes twice as long."""
     own = demonstration("office")
     goals = own.goals.ravel().tolist()
-    assert walk_scene.task_of(scene_walk("--scene", "office")).time_limit == own.time_limit
-    same = walk_scene.task_of(scene_walk("--scene", "office", "--goals", *map(str, goals)))
+    assert task_of("--scene", "office").time_limit == own.time_limit
+    same = task_of("--scene", "office", "--goals", *map(str, goals))
     assert same.time_limit == pytest.approx(own.time_limit)
     back = [*goals, *own.start[:2]]
-    task = walk_scene.task_of(scene_walk("--scene", "office", "--goals", *map(str, back)))
+    task = task_of("--scene", "office", "--goals", *map(str, back))
     assert task.time_limit - time_limit(0) == pytest.approx(2 * (own.time_limit - time_limit(0)), rel=0.05)
     x, y = own.start[0] + 0.2, own.start[1]
-    moved = walk_scene.task_of(scene_walk("--scene", "office", "--start", str(x), str(y), "90"))
+    moved = task_of("--scene", "office", "--start", str(x), str(y), "90")
     assert moved.start == pytest.approx((x, y, math.pi / 2)) and np.array_equal(moved.goals, own.goals)
 
 
 def test_a_goal_behind_a_wall_is_for_the_robot_to_find_out(file):
-    task = walk_scene.task_of(scene_walk("--scene", str(file), "--start", "1", "1", "0", "--goals", "8", "1"))
+    task = task_of("--scene", str(file), "--start", "1", "1", "0", "--goals", "8", "1")
     assert task.time_limit == pytest.approx(time_limit(2 * 7))
 
 
 def test_bounds_cut_a_scene_file(file):
     options = ("--scene", str(file), "--start", "1", "1", "0", "--goals", "2", "1")
-    assert walk_scene.task_of(scene_walk(*options, "--bounds", "-0.5", "0", "2.5", "4")).scene.bounds == (
+    assert task_of(*options, "--bounds", "-0.5", "0", "2.5", "4").scene.bounds == (
         -0.5,
         0,
         2.5,
@@ -137,8 +144,8 @@ def test_what_a_scene_file_cannot_do_is_one_sentence(file, tmp_path, capsys, opt
     [
         (["--goals", "1", "2"], "without --scene takes no --goals"),
         (
-            ["--start", "0", "0", "0", "--policy", "runs/x", "--navigation", "classical"],
-            "--policy, --navigation, --start",
+            ["--start", "0", "0", "0", "--run", "runs/x", "--policy", "classical"],
+            "--policy, --run, --start",
         ),
         (["--scene", "office", "--bounds", "0", "0", "1", "1"], "--bounds belongs to a scene file"),
         (["--scene", "ballroom"], "Unknown scene 'ballroom'"),
@@ -149,7 +156,15 @@ def test_options_of_the_other_kind_of_walk_are_one_sentence(tmp_path, capsys, op
 
 
 def test_every_option_belongs_to_a_kind_of_walk():
-    """Property: what neither kind refuses is heeded by both, in the help's own words."""
-    both = {"scene", "seed", "sensors", "friction", "mass", "delay", "push_impulse", "push_axis", "out", "video"}
-    names = set(walk.Command.__dataclass_fields__)
-    assert names == both | set(walk._OF_SCENES) | set(walk._OF_MOTIONS)
+    """Property: what neither kind refuses is heeded by both, and no two kinds share a name."""
+    kinds = [set(option_values(options())) for options in (EpisodeOptions, WalkOptions, SharedOptions)]
+    names = set(option_values(walk.Command()))
+    assert names == set.union(*kinds) and len(names) == sum(map(len, kinds))
+
+
+def test_a_motion_is_asked_for_by_the_names_of_its_fields():
+    """Oracle: the motion written by hand."""
+    options = ["--motion", "turn", "--turn", "20", "--seconds", "3", "--width", "0.12"]
+    assert tyro.cli(walk.Command, args=options).walk.motion.motion() == Motion("turn", turn=20, seconds=3, width=0.12)
+    steps = tyro.cli(walk.Command, args=["--footsteps", "steps.csv"]).walk.motion.motion()
+    assert steps == Motion("footsteps", file=Path("steps.csv"))
