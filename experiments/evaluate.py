@@ -37,9 +37,8 @@ from iwalker_jax.evaluation.episodes.walks import OF, StudySettings, policy_and_
 from iwalker_jax.evaluation.frames.report import evaluate_all, standard_sequences
 from iwalker_jax.evaluation.frames.sequences import Sequence
 from iwalker_jax.evaluation.tables import Table, legend
-from iwalker_jax.navigation.episodes import EpisodeProgram
-from iwalker_jax.navigation.navigators import make_navigator
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.navigation import EpisodeProgram, make_navigator
+from iwalker_jax.planning import Planner
 from iwalker_jax.runtime.devices import machine
 from iwalker_jax.runtime.processes import ProcessGroup, barrier, exit_process, is_first
 from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES

@@ -31,7 +31,7 @@ from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.frames.report import evaluate_all, standard_sequences
 from iwalker_jax.evaluation.frames.sequences import Sequence
 from iwalker_jax.evaluation.tables import legend
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime.files import write_json
 from iwalker_jax.runtime.processes import ProcessGroup, barrier, exit_process, is_first
 from iwalker_jax.training.checkpoints import load_run

@@ -9,7 +9,7 @@ from flax import nnx
 
 from experiments.shared.console import say
 from iwalker_jax.errors import InputError
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning import Planner
 from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.pretrained import load_planner

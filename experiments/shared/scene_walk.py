@@ -17,10 +17,7 @@ from iwalker_jax.evaluation.episodes.film import write_film
 from iwalker_jax.evaluation.episodes.metrics import episode_metrics, judged, row_of
 from iwalker_jax.evaluation.episodes.pictures import save_episode
 from iwalker_jax.evaluation.episodes.surface_distance import AROUND, original_surface, surface_distance
-from iwalker_jax.navigation.body_volume import BodyVolume
-from iwalker_jax.navigation.episodes import EpisodeProgram
-from iwalker_jax.navigation.navigators import make_navigator
-from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
+from iwalker_jax.navigation import BodyVolume, EpisodeProgram, EpisodeRecord, Outcome, make_navigator
 from iwalker_jax.runtime.files import write_json
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene
 from iwalker_jax.scenes.imported.voxel_boxes import Bounds
@@ -139,7 +136,7 @@ def walk_in_scene(walk: SceneWalk) -> None:
     metrics = episode_metrics(episode, task)
     outcome = Outcome(int(episode.outcome[-1]))
     simulated = float(episode.time[-1])
-    say(f"\nBRUCE {SENTENCES[outcome]} after {simulated:.1f} s ({task.name}, {name}, {walk.navigation}).")
+    say(f"\nBRUCE {outcome.sentence} after {simulated:.1f} s ({task.name}, {name}, {walk.navigation}).")
     route = f"the shortest route is {metrics.shortest:.1f} m; SPL {metrics.spl:.2f}"
     say(f"Walked {metrics.walked:.1f} m, {route if math.isfinite(metrics.shortest) else 'but no route leads there'}.")
     say(f"Least clearance {100 * float(episode.clearance.min()):.1f} cm, mean speed {metrics.speed:.2f} m/s.")

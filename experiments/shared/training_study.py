@@ -15,7 +15,7 @@ from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.frames.report import standard_sequences
 from iwalker_jax.evaluation.frames.sequences import Sequence, evaluate_sequence
 from iwalker_jax.evaluation.tables import Table, legend, result_row
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning import Planner
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.loop import train
 from iwalker_jax.training.maps import TrainingData

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
+from iwalker_jax.perception import DEFAULT_GRID, GridSpec
 from iwalker_jax.runtime.files import atomic_write
 
 FOOT_COLOURS = {"right": "tab:orange", "left": "tab:blue"}

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics
 
 
 def floor_pixels(

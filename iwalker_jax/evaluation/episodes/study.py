@@ -23,7 +23,7 @@ from iwalker_jax.evaluation.episodes.walks import (
     key_of,
     walks_of,
 )
-from iwalker_jax.navigation.record import EpisodeRecord
+from iwalker_jax.navigation import EpisodeRecord
 from iwalker_jax.runtime.processes import barrier, is_first
 from iwalker_jax.tasks.task import Task
 

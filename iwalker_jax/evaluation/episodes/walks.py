@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.log import EpisodeKey
-from iwalker_jax.navigation.navigators import POLICIES
+from iwalker_jax.navigation import POLICIES
 from iwalker_jax.streams import STUDY_TASKS, mixed_seed
 from iwalker_jax.tasks.generated import generated_tasks
 from iwalker_jax.tasks.named import TASK_NAMES, named_task

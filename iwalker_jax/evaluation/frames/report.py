@@ -11,8 +11,7 @@ from iwalker_jax.evaluation.frames.sequences import (
     record_unseen_scenes,
 )
 from iwalker_jax.evaluation.tables import Table, result_row
-from iwalker_jax.planning.models import PlannerModels
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning import Planner, PlannerModels
 from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES
 
 

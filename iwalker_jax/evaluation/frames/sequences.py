@@ -22,12 +22,8 @@ from iwalker_jax.evaluation.frames.metrics import (
     to_world,
     true_metrics,
 )
-from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.perception.local_map import LocalMap, build_local_map
-from iwalker_jax.planning.models import PlannerModels
-from iwalker_jax.planning.planner import Planner
-from iwalker_jax.planning.robot_state import sample_robot_state
-from iwalker_jax.planning.split_module import SplitModule, split_module
+from iwalker_jax.perception import Intrinsics, LocalMap, build_local_map
+from iwalker_jax.planning import Planner, PlannerModels, SplitModule, sample_robot_state, split_module
 from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
 from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, held_out_sequence
 from iwalker_jax.scenes.routes import shortest_distance
