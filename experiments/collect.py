@@ -92,7 +92,7 @@ def collect(command: Command) -> None:
                 tasks = [dataclasses.replace(task, time_limit=command.seconds) for task in tasks]
                 seed = command.seed + first
                 record = program.run(tasks, seed=seed)
-                names = [Outcome(int(last)).name.lower().replace("_", " ") for last in record.outcome[:, -1]]
+                names = [Outcome(int(last)).word for last in record.outcome[:, -1]]
                 write_json(file.with_suffix(".json"), names)
                 save_frames(frames_from_episodes(navigator.camera, tasks, record, command.stride, seed), file)
             parts.append(load_frames(file))

@@ -25,7 +25,7 @@ from iwalker_jax.tasks import GOAL_CAPACITY, Task
 AHEAD = 0.5
 """[m] along a planned path from its start to where its shaking is measured."""
 
-ARRIVAL = LoopParameters.arrival
+ARRIVAL = LoopParameters.arrival_distance
 """[m] from a goal at which a robot takes it for reached, by its own estimate of where it is."""
 
 SLACK = 0.10
