@@ -26,14 +26,14 @@ def main(out: Path = Path("runs/examples")) -> None:
         print(f"{name}: {100 * float(getattr(local_map, name).mean()):.1f} % of {grid.rows} x {grid.columns} cells")
     print(f"clearance at the robot: {float(local_map.esdf[int(-grid.x_min / grid.resolution), 80]):.2f} m")
 
-    figure = Figure(figsize=(12, 4), layout="compressed")
-    left, middle, right = figure.subplots(1, 3)
+    figure = Figure(figsize=(14, 4.2), layout="compressed")
+    left, middle, right = figure.subplots(1, 3, width_ratios=(1.8, 1, 1))
     left.imshow(depth, cmap="viridis_r", vmin=0, vmax=6)
     left.set_title("depth [m]")
     kinds = np.where(local_map.occupied, 0.0, np.where(local_map.unknown, 0.6, 1.0))
     for axis, title, values, colours in (
         (middle, "occupied, unknown, free", kinds, "gray"),
-        (right, "signed distance [m]", np.asarray(local_map.esdf), "RdYlGn"),
+        (right, "signed distance, up to 1 m", np.clip(local_map.esdf, -0.3, 1.0), "RdYlGn"),
     ):
         axis.imshow(values[::-1, ::-1], cmap=colours, extent=(grid.y_max, grid.y_min, grid.x_min, grid.x_max))
         axis.set_title(title)

@@ -93,7 +93,7 @@ _HOMES = {
     "api": "EpisodesResult WalkResult load_planner run_episodes walk",
     "errors": "CheckpointError InputError",
     "evaluation.frames": "draw_plan",
-    "navigation.record": "Outcome",
+    "navigation": "Outcome",
     "optimization": (
         "GradientMode HlipParameters QuadraticProgram Solution Status StepMpcWeights UnicycleParameters "
         "describe explain initial_state_from_reference quadratic_program solve_bounded_step_mpc solve_qp "

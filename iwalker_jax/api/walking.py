@@ -2,14 +2,16 @@
 
 import time
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import jax
+import mujoco
 import numpy as np
 
 from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks import WalkMetrics, robot_rows, walk_metrics, walk_record
+from iwalker_jax.walking import Walker
 from iwalker_jax.walking.batch import BatchResult, WalkProgram
 from iwalker_jax.walking.commands import Motion, MotionKind, Walk, make_walk
 from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
@@ -68,37 +70,64 @@ def walk(
     Raises:
         InputError: for options out of range, a bad file, footsteps out of reach, or many robots on C MuJoCo.
     """
-    if engine not in ("mjx", "mujoco"):
-        raise InputError(f"Unknown engine {engine!r}; choose mjx or mujoco.")
-    if engine == "mujoco" and robots != 1:
-        raise InputError(f"C MuJoCo walks one robot at a time, not {robots}; use the engine mjx.")
     walker, model = default_walker(sensors, gait)
     gait = walker.controller.gait
-    step_time = float(gait.hlip.step_time)
     commanded = make_walk(Motion(motion) if isinstance(motion, str) else motion, model, gait)
-    conditions = sample_conditions(walker.robot, disturbances, robots, seed, step_time)
-    if engine == "mujoco":
-        began = time.perf_counter()
-        ticks = round(commanded.seconds / (walker.controller.time_step * _EVERY))
-        sample = roll_out_mujoco(walker, model, conditions, commanded.plan, ticks, _EVERY)
-        batch = BatchResult(jax.tree.map(np.asarray, sample), time.perf_counter() - began, 0.0, ())
-    else:
+    conditions = sample_conditions(walker.robot, disturbances, robots, seed, float(gait.hlip.step_time))
+    batch = simulate_walk(walker, model, commanded, conditions, engine, devices, on_progress)
+    records, metrics = measure_walk(walker, commanded, conditions, batch)
+    return WalkResult(commanded, conditions, batch, records, metrics)
+
+
+def simulate_walk(
+    walker: Walker,
+    model: mujoco.MjModel,
+    commanded: Walk,
+    conditions: Conditions,
+    engine: Engine = "mjx",
+    devices: int | None = None,
+    on_progress: Callable[[float, int], None] | None = None,
+) -> BatchResult:
+    """Robots in their conditions on the footsteps of one walk.
+
+    Args:
+        walker: the robot, and model: the same for the C engine, as from `default_walker`.
+        commanded: what to walk.
+        conditions: batch first.
+        engine: MJX for many robots, or C MuJoCo for one.
+        devices: number of devices, all by default; MJX only.
+        on_progress: hears of the simulated time [s] and of the robots still up; MJX only.
+
+    Raises:
+        InputError: for another engine, or many robots on C MuJoCo.
+    """
+    robots = conditions.friction.shape[0]
+    if engine not in get_args(Engine):
+        raise InputError(f"Unknown engine {engine!r}; choose {' or '.join(get_args(Engine))}.")
+    if engine == "mjx":
         program = WalkProgram(walker, robots, commanded.plan.yaws.shape[-1], devices, every=_EVERY)
-        batch = program.run(conditions, commanded.plan, commanded.seconds, on_progress)
+        return program.run(conditions, commanded.plan, commanded.seconds, on_progress)
+    if robots != 1:
+        raise InputError(f"C MuJoCo walks one robot at a time, not {robots}; use the engine mjx.")
+    began = time.perf_counter()
+    samples = round(commanded.seconds / (walker.controller.time_step * _EVERY))
+    sample = roll_out_mujoco(walker, model, conditions, commanded.plan, samples, _EVERY)
+    return BatchResult(jax.tree.map(np.asarray, sample), time.perf_counter() - began, 0.0, ())
+
+
+def measure_walk(
+    walker: Walker, commanded: Walk, conditions: Conditions, batch: BatchResult
+) -> tuple[tuple[WalkRecord, ...], tuple[WalkMetrics, ...]]:
+    """Records and figures of all robots of a simulated walk."""
     limits = np.asarray(walker.controller.actuation.limits)
-    rows = [robot_rows(batch.sample, k) for k in range(robots)]
-    records = [
-        walk_record(
-            row,
-            commanded.plan,
-            limits,
-            step_time,
-            abs(commanded.speed),
-            commanded.path,
-            (float(conditions.push_start[k]),) if disturbances.push_impulse else (),
-            float(conditions.friction[k]),
-        )
-        for k, row in enumerate(rows)
-    ]
-    metrics = [walk_metrics(row, commanded.plan, limits, step_time) for row in rows]
-    return WalkResult(commanded, conditions, batch, tuple(records), tuple(metrics))
+    step_time = float(walker.controller.gait.hlip.step_time)
+    pushed = np.any(np.asarray(conditions.push_force) != 0, axis=-1)
+    records, metrics = [], []
+    for k in range(len(pushed)):
+        row = robot_rows(batch.sample, k)
+        pushes = (float(conditions.push_start[k]),) if pushed[k] else ()
+        friction = float(conditions.friction[k])
+        speed = abs(commanded.speed)
+        records.append(walk_record(row, commanded.plan, limits, step_time, speed, commanded.path, pushes, friction))
+        metrics.append(walk_metrics(row, commanded.plan, limits, step_time))
+    return tuple(records), tuple(metrics)
