@@ -111,7 +111,10 @@ def finish(
     figures = print_figures(metrics, result)
     save_figures(shared.out, option_values(command), walk, conditions, metrics, figures, result)
     for broken in result.broken[:1]:
-        say(f"Robot {broken.row} turned non-finite; its last ticks are being written to nan_dump.npz.")
+        say(
+            f"Robot {broken.row} turned non-finite; its last ticks go to nan_dump.npz; "
+            "iwalker_jax.walking.load_dump reads it."
+        )
         save_dump(shared.out / "nan_dump.npz", walker, broken)
     records = [
         walk_record(

@@ -1,4 +1,9 @@
-"""Files that replay a robot whose state turned non-finite, tick by tick."""
+"""Files that replay a robot whose state turned non-finite, tick by tick.
+
+`python -m experiments.walk` writes one as `nan_dump.npz` when that happens. With the walker built as the command built
+it (`default_walker(sensors)`), `load_dump(file, walker)` gives the robot's conditions, plan and start state and its
+last ticks, and `retrace` or `walk_tick` walks them again.
+"""
 
 from functools import partial
 from pathlib import Path
