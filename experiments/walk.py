@@ -26,12 +26,18 @@ from experiments.shared.walk_output import film, print_figures, push_forces, sav
 from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.walks import robot_rows, walk_metrics, walk_record
-from iwalker_jax.walking import default_walker, sample_conditions
-from iwalker_jax.walking.batch import BatchResult, WalkProgram
-from iwalker_jax.walking.commands import Walk, make_walk
-from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
-from iwalker_jax.walking.replay import save_dump
-from iwalker_jax.walking.rollout import Conditions, Walker
+from iwalker_jax.walking import (
+    BatchResult,
+    Conditions,
+    Walk,
+    Walker,
+    WalkProgram,
+    default_walker,
+    make_walk,
+    roll_out_mujoco,
+    sample_conditions,
+    save_dump,
+)
 
 _GRID = 16  # robots shown in the grid of traces
 

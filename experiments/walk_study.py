@@ -29,11 +29,20 @@ from iwalker_jax.evaluation.walks import (
     walk_metrics,
     with_case,
 )
-from iwalker_jax.walking import Disturbances, Sensors, default_walker, sample_conditions
-from iwalker_jax.walking.batch import WalkProgram
-from iwalker_jax.walking.commands import Motion, Walk, make_walk
-from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
-from iwalker_jax.walking.rollout import Conditions, Sample, Walker
+from iwalker_jax.walking import (
+    Conditions,
+    Disturbances,
+    Motion,
+    Sample,
+    Sensors,
+    Walk,
+    Walker,
+    WalkProgram,
+    default_walker,
+    make_walk,
+    roll_out_mujoco,
+    sample_conditions,
+)
 
 _EVERY = 10  # ticks between two records
 _ROWS = 320  # of all plans: 3 m at 0.05 m/s take 260 footsteps

@@ -10,8 +10,7 @@ import tyro
 from iwalker_jax.errors import InputError
 from iwalker_jax.scenes.imported.voxel_boxes import Bounds
 from iwalker_jax.tasks import TASK_NAMES
-from iwalker_jax.walking import Disturbances, Sensors
-from iwalker_jax.walking.commands import Motion, MotionKind
+from iwalker_jax.walking import Disturbances, Motion, MotionKind, Sensors
 
 
 @dataclass(frozen=True)

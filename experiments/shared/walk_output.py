@@ -11,10 +11,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks import WalkMetrics, save_trace_grid, save_walk_sheet, speed_error, summarise
 from iwalker_jax.film import Overlays, play_motion, write_video
 from iwalker_jax.runtime import write_json, write_npz
-from iwalker_jax.walking.batch import BatchResult
-from iwalker_jax.walking.commands import Walk
-from iwalker_jax.walking.record import WalkRecord
-from iwalker_jax.walking.rollout import Conditions
+from iwalker_jax.walking import BatchResult, Conditions, Walk, WalkRecord
 
 _ERRORS = (("footstep", "Footstep error", "cm"), ("COM", "COM error", "cm"), ("heading", "Heading error", "deg"))
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.constants import GRAVITY, TIME_STEP
 from iwalker_jax.control.footstep_plan import FootstepPlan
@@ -77,7 +77,7 @@ class ControlInfo(NamedTuple):
     forces: Float[Array, "4 3"]
 
 
-def posture_of(terms: RigidBodyTerms, touching: Float[Array, "2"]) -> Posture:
+def posture_of(terms: RigidBodyTerms, touching: Bool[Array, "2"]) -> Posture:
     """What the step clock needs of the rigid-body terms; `touching` (2,) says which feet press on the floor."""
     forward = terms.foot_rotations[:, :, 0]
     yaws = jnp.arctan2(forward[:, 1], forward[:, 0])
@@ -104,7 +104,7 @@ def control_step(
     controller: Controller,
     terms: RigidBodyTerms,
     arms: tuple[Float[Array, " na"], Float[Array, " na"]],
-    touching: Float[Array, "2"],
+    touching: Bool[Array, "2"],
     plan: FootstepPlan,
     state: ControllerState,
 ) -> tuple[Float[Array, " nu"], ControllerState, ControlInfo]:

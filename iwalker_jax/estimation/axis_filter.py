@@ -15,6 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from iwalker_jax.checks import Scalar
+
 POSITION, VELOCITY, BIAS, RIGHT_FOOT, LEFT_FOOT = range(5)
 
 # Transition x' = (I + dt FIRST + dt^2/2 SECOND) x + (dt, dt^2/2 parts of INPUT) acceleration.
@@ -41,7 +43,7 @@ def measures(*states: int) -> np.ndarray:
     return np.tile(np.isin(np.arange(5), states).astype(np.float32), (2, 1))
 
 
-def measures_foot(foot: int, depth: Float[Array, ""], gravity: float) -> Float[Array, "2 5"]:
+def measures_foot(foot: int, depth: Float[Array, ""], gravity: Scalar) -> Float[Array, "2 5"]:
     """Row of leg kinematics: the foot's state and, horizontally, how far tilt swings a foot at this depth [m]."""
     swing = np.zeros((2, 5), np.float32)
     swing[0, BIAS] = -1
@@ -51,8 +53,8 @@ def measures_foot(foot: int, depth: Float[Array, ""], gravity: float) -> Float[A
 def predict(
     belief: Belief,
     acceleration: Float[Array, "3"],
-    period: float,
-    acceleration_variance: Float[Array, ""],
+    period: Scalar,
+    acceleration_variance: Scalar,
     drift: Float[Array, "5"],
 ) -> Belief:
     """Belief one period later.
@@ -79,9 +81,9 @@ def update(
     belief: Belief,
     row: Float[Array, "2 5"] | np.ndarray,
     innovation: Float[Array, "3"],
-    variance: Float[Array, ""],
+    variance: Scalar,
     weight: Float[Array, "2"],
-    gate: float,
+    gate: Scalar,
 ) -> tuple[Belief, Float[Array, ""]]:
     """Take in one measurement, a weighted sum of the states on each axis; return its residual as well.
 

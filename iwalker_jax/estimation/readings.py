@@ -5,6 +5,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from iwalker_jax.checks import Scalar
+
 
 class Readings(NamedTuple):
     """Sensor readings of one control period. A reading that is NaN or beyond its sensor's range counts as missing.
@@ -52,6 +54,6 @@ class Health(NamedTuple):
     image_residual: Float[Array, ""]
 
 
-def within_range(values: Float[Array, "*shape"], limit: float) -> Bool[Array, "*shape"]:
+def within_range(values: Float[Array, "*shape"], limit: Scalar) -> Bool[Array, "*shape"]:
     """Where values are finite and at most `limit` in size; NaN compares as false."""
     return jnp.abs(values) <= limit

@@ -4,8 +4,12 @@ Poses are (x [m], y [m], yaw [rad]); functions of the same name in `planar`, `ro
 versions.
 """
 
+from typing import TypeVar
+
 import numpy as np
 from jaxtyping import Float
+
+Angle = TypeVar("Angle", float, Float[np.ndarray, "..."])
 
 
 def turn(angle: Float[np.ndarray, "*#n"] | float, vectors: Float[np.ndarray, "*#n 2"]) -> Float[np.ndarray, "*n 2"]:
@@ -42,7 +46,7 @@ def leftward(yaw: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 2"]:
     return np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
 
 
-def wrap_angle(angle: Float[np.ndarray, "*n"] | float) -> Float[np.ndarray, "*n"]:
+def wrap_angle(angle: Angle) -> Angle:
     """The same angle in (-pi, pi] [rad]."""
     return np.arctan2(np.sin(angle), np.cos(angle))
 

@@ -61,7 +61,10 @@ def turn_about_vertical(quaternion: Float[Array, "4"], angle: Float[Array, ""]) 
 
 
 def tilt_error(
-    vertical: Float[Array, "3"], specific_force: Float[Array, "3"], gravity: float, gate: float
+    vertical: Float[Array, "3"],
+    specific_force: Float[Array, "3"],
+    gravity: float | Float[Array, ""],
+    gate: float | Float[Array, ""],
 ) -> Float[Array, "3"]:
     """Rotation in the body frame that would lay the believed vertical on the accelerometer's [rad], gated.
 

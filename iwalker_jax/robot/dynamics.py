@@ -102,7 +102,7 @@ def smooth_stages(robot: RobotModel, qpos: Float[Array, " nq"], qvel: Float[Arra
     )
 
 
-def point_velocity(motion: Float[Array, "*n 6"], arm: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
+def point_velocity(motion: Float[Array, "*#n 6"], arm: Float[Array, "*#n 3"]) -> Float[Array, "*n 3"]:
     """Velocity of a point at `arm` from the base's origin that moves with a spatial velocity; the same for axes."""
     return motion[..., 3:] + jnp.cross(motion[..., :3], arm)
 

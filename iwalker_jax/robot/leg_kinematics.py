@@ -35,10 +35,10 @@ class LegKinematics:
         starts: place of each leg's first joint among all joint positions, qpos[7:] (static).
     """
 
-    axes: Float[Array, "2 joints 3"]
-    anchors: Float[Array, "2 joints 3"]
-    references: Float[Array, "2 joints"]
-    points: Float[Array, "2 3 3"]
+    axes: Float[Array | np.ndarray, "2 joints 3"]
+    anchors: Float[Array | np.ndarray, "2 joints 3"]
+    references: Float[Array | np.ndarray, "2 joints"]
+    points: Float[Array | np.ndarray, "2 3 3"]
     starts: tuple[int, ...] = field(metadata={"static": True})
 
 

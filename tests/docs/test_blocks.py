@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from iwalker_jax.control.footstep_check import check_footsteps, load_footsteps
+from iwalker_jax.control import check_footsteps, load_footsteps
 from iwalker_jax.data.recordings import load_recording, validate_recording
 from iwalker_jax.optimization.steps.reach import StepReach
-from iwalker_jax.walking.commands import load_path
+from iwalker_jax.walking import load_path
 from tests.docs.pages import PAGES, ROOT, fenced_blocks
 from tests.docs.user_files import write_depth_image, write_recording
 

@@ -21,7 +21,7 @@ from iwalker_jax.navigation.body_volume import load_body_volume
 from iwalker_jax.navigation.record import Outcome
 from iwalker_jax.tasks.named import demonstration
 from iwalker_jax.tasks.routes import time_limit
-from iwalker_jax.walking.commands import Motion
+from iwalker_jax.walking import Motion
 from tests.evaluation.episode_records import make_record, room
 from tests.experiments.commands import fails_with_one_sentence
 from tests.scenes.test_user_scene import mesh_of

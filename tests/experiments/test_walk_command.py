@@ -10,8 +10,7 @@ import pytest
 from experiments import walk, walk_study
 from experiments.shared.console import console
 from iwalker_jax.evaluation.walks.tables import WALK_COLUMNS
-from iwalker_jax.walking.commands import Motion
-from iwalker_jax.walking.setup import Disturbances
+from iwalker_jax.walking import Disturbances, Motion
 from tests.experiments.commands import fails_with_one_sentence
 
 

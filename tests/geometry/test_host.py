@@ -13,8 +13,9 @@ POSES, POINTS = RNG.normal(size=(6, 3)), RNG.normal(size=(6, 2))
 
 def test_frames_in_the_plane_equal_the_jax_ones(x64):
     for own, other in ((host.to_base, planar.to_base), (host.to_world, planar.to_world)):
-        np.testing.assert_allclose(own(POSES, POINTS), jax.vmap(other)(POSES, POINTS), atol=1e-14)
-        np.testing.assert_allclose(own(POSES[0], POINTS), other(jnp.asarray(POSES[0]), POINTS), atol=1e-14)
+        poses, points = jnp.asarray(POSES), jnp.asarray(POINTS)
+        np.testing.assert_allclose(own(POSES, POINTS), jax.vmap(other)(poses, points), atol=1e-14)
+        np.testing.assert_allclose(own(POSES[0], POINTS), other(poses[0], points), atol=1e-14)
     np.testing.assert_allclose(host.to_world(POSES, host.to_base(POSES, POINTS)), POINTS, atol=1e-14)
 
 
@@ -43,7 +44,7 @@ def test_angles_wrap(x64):
     expected = np.remainder(angles + np.pi, 2 * np.pi) - np.pi
     np.testing.assert_allclose(host.wrap_angle(angles), expected, atol=1e-13)
     np.testing.assert_allclose(rotations.wrap_angle(jnp.asarray(angles)), expected, atol=1e-13)
-    np.testing.assert_allclose(rotations.angle_between(angles, jnp.zeros(400)), expected, atol=1e-13)
+    np.testing.assert_allclose(rotations.angle_between(jnp.asarray(angles), jnp.zeros(400)), expected, atol=1e-13)
 
 
 def test_lengths_along_a_polyline(x64):

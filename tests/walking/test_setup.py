@@ -93,7 +93,7 @@ def test_files_of_paths_and_footsteps(setup, tmp_path):
         (lambda: default_walker("perfect"), "sensors"),
     ],
 )
-def test_bad_options_are_one_sentence(make, words):
+def test_bad_options_are_one_sentence(make, words, unchecked_types):
     with pytest.raises(InputError, match=words):
         make()
 

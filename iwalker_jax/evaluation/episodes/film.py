@@ -31,7 +31,7 @@ from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.scenes import Scene
 from iwalker_jax.scenes.mjcf import obstacle_geoms
 from iwalker_jax.tasks import Task
-from iwalker_jax.walking.record import TimedFootsteps
+from iwalker_jax.walking import TimedFootsteps
 
 _STRIP = 36  # [px] height of the line of text
 _WALL_COLOUR = (0.86, 0.84, 0.79, 1.0)

@@ -6,10 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from iwalker_jax.control.footstep_plan import FootstepPlan
+from iwalker_jax.control import FootstepPlan
 from iwalker_jax.geometry import host, side_of_step
-from iwalker_jax.walking.record import TimedFootsteps, WalkRecord
-from iwalker_jax.walking.rollout import Sample
+from iwalker_jax.walking import Sample, TimedFootsteps, WalkRecord
 
 _AT_REST = 0.04  # [s] after touchdown at which the landed foot is read
 _ARM = 0.05  # [m] from the robot's middle to a foot

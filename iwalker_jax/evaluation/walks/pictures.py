@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.evaluation.walks.traces import draw_from_above, ground_extent, travelled
 from iwalker_jax.geometry import Side
-from iwalker_jax.walking.record import WalkRecord
+from iwalker_jax.walking import WalkRecord
 
 _FEET = ("right", "left")
 _DETAIL = 2.0

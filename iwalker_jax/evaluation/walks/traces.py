@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.geometry import Side
-from iwalker_jax.walking.record import WalkRecord
+from iwalker_jax.walking import WalkRecord
 
 _MARK_LENGTH = 0.045
 """[m] drawn of a line foot, about its middle; steps of one foot are often shorter than the whole foot."""

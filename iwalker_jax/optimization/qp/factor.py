@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, Num
 
 # Pivots of the scaled P lost in rounding become this: a proximal term that leaves S well conditioned.
 LIFTED = 0.1
@@ -63,7 +63,7 @@ def _sum_of_products(matrix: Array, vector: Array, axis: int, pairs: int | Int[A
     return total + term(vector.shape[0] - 1) if vector.shape[0] % 2 else total
 
 
-def fold(operation: Callable[[Array, Array], Array], values: Float[Array, " m *b"]) -> Float[Array, "*b"]:
+def fold(operation: Callable[[Array, Array], Array], values: Num[Array, " m *b"]) -> Num[Array, "*b"]:
     """Reduce along the first axis by an idempotent operation (maximum, minimum), as a tree of elementwise ones."""
     while values.shape[0] > 1:
         half = (values.shape[0] + 1) // 2

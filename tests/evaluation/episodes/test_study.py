@@ -18,7 +18,7 @@ from iwalker_jax.evaluation.episodes.report import Report, write_report  # noqa:
 from iwalker_jax.evaluation.episodes.schedule import StudySettings, conditions_seed, episode_batches, scheduled_episodes  # noqa: E402
 from iwalker_jax.evaluation.episodes.study import run_episode_study  # noqa: E402
 from iwalker_jax.evaluation.episodes.traces import has_traces, load_traces, save_traces, traces_file  # noqa: E402
-from iwalker_jax.walking.setup import Disturbances, default_walker, sample_conditions  # noqa: E402
+from iwalker_jax.walking import Disturbances, default_walker, sample_conditions  # noqa: E402
 from tests.evaluation.episode_records import StubProgram, make_record  # noqa: E402
 
 SETTINGS = StudySettings(

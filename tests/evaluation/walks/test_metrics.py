@@ -16,8 +16,8 @@ from iwalker_jax.evaluation.walks.tables import (
     summarise,
     with_case,
 )
-from iwalker_jax.geometry.sides import Side
-from iwalker_jax.walking.rollout import Sample
+from iwalker_jax.geometry import Side
+from iwalker_jax.walking import Sample
 
 STEP_TIME, INTERVAL = 0.24, 0.02
 LIMITS = np.full(16, 10.5)

@@ -26,7 +26,7 @@ def test_equals_bounded_least_squares(x64, seed):
     operators = np.stack([p * base * np.linalg.inv(hessian + p * base * np.eye(size)) for p in PENALTIES])
     found = find(inverse, operators, free, low, high)
     bound = np.where(found.sides > 0, high, low)
-    y = bound_solver(jnp.asarray(inverse), found.sides)(free - bound)
+    y = bound_solver(jnp.asarray(inverse), found.sides)(jnp.asarray(free - bound))
     expected = lsq_linear(factor, factor @ free, (low, high), method="bvls", tol=1e-14).x
     assert 0 < np.count_nonzero(found.sides) < size
     np.testing.assert_allclose(free - inverse @ y, expected, atol=1e-9)
