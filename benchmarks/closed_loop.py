@@ -12,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from iwalker_jax.robot import ARM_POSITIONS, ARM_VELOCITIES
 from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
 configure_runtime(requested_devices(sys.argv))
@@ -25,37 +24,52 @@ from flax import nnx  # noqa: E402
 from benchmarks.timing import timed  # noqa: E402
 from experiments.shared.planners import planner_of  # noqa: E402
 from iwalker_jax.control import control_step  # noqa: E402
-from iwalker_jax.navigation.body_volume import body_clearance_at  # noqa: E402
-from iwalker_jax.navigation.camera import camera_in_world  # noqa: E402
-from iwalker_jax.navigation.closed_loop import LoopState, Navigator, run_episode, start_episode  # noqa: E402
+from iwalker_jax.geometry import Side  # noqa: E402
+from iwalker_jax.navigation import (  # noqa: E402
+    EpisodeProgram,
+    LoopState,
+    Navigator,
+    body_clearance_at,
+    camera_in_world,
+    make_faults,
+    make_navigator,
+    place_at,
+    run_episode,
+    safe_path,
+    start_episode,
+)
 from iwalker_jax.navigation.depth_camera import take_depth  # noqa: E402
-from iwalker_jax.navigation.episodes import EpisodeProgram, place_at  # noqa: E402
-from iwalker_jax.navigation.faults import make_faults  # noqa: E402
-from iwalker_jax.navigation.guide import Guidance, Sight, guide, network_path, route_costs  # noqa: E402
-from iwalker_jax.navigation.map_memory import remember, remembered, window_origin  # noqa: E402
-from iwalker_jax.navigation.navigators import make_navigator  # noqa: E402
-from iwalker_jax.navigation.path_band import safe_path  # noqa: E402
+from iwalker_jax.navigation.guide import Guidance, Observation, guide, network_path, route_costs  # noqa: E402
+from iwalker_jax.navigation.map_memory import memory_cells, update_memory, window_origin  # noqa: E402
 from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
-from iwalker_jax.perception.collision_map import DEFAULT_RULES  # noqa: E402
-from iwalker_jax.perception.depth_cleanup import clean_depth  # noqa: E402
-from iwalker_jax.perception.distance_field import signed_distance_field  # noqa: E402
-from iwalker_jax.perception.grid import (  # noqa: E402
+from iwalker_jax.perception import (  # noqa: E402
     DEFAULT_GRID,
+    best_routes,
+    clean_depth,
+    free_and_occupied,
     halved,
     pool_2x2,
+    signed_distance_field,
     softened,
 )
-from iwalker_jax.perception.local_map import free_and_occupied  # noqa: E402
-from iwalker_jax.perception.seen_route import best_routes  # noqa: E402
-from iwalker_jax.planning.ipath import IPathConfig  # noqa: E402
-from iwalker_jax.planning.planner import Planner, PlannerConfig  # noqa: E402
-from iwalker_jax.robot import rigid_body_terms  # noqa: E402
+from iwalker_jax.planning import (  # noqa: E402
+    IPathConfig,
+    Planner,
+    PlannerConfig,
+    SplitModule,
+    split_module,
+)
+from iwalker_jax.robot import (  # noqa: E402
+    ARM_POSITIONS,
+    ARM_VELOCITIES,
+    rigid_body_terms,
+)
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 from iwalker_jax.scenes.depth_noise import DepthNoise  # noqa: E402
 from iwalker_jax.scenes.ray_casting import render_depth  # noqa: E402
 from iwalker_jax.tasks.generated import generated_tasks  # noqa: E402
 from iwalker_jax.tasks.task import Task, TaskArrays, stack_tasks  # noqa: E402
-from iwalker_jax.walking import Conditions, Disturbances, sample_conditions, sense_and_control, walk_tick  # noqa: E402  # noqa: E402
+from iwalker_jax.walking import Conditions, Disturbances, sample_conditions, sense_and_control, walk_tick  # noqa: E402
 
 REPEATS = 9
 TICKS = 33
@@ -86,51 +100,52 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
     """(milliseconds a call, calls a second) of each part, by name."""
     nav, state, tasks = setting.navigator, setting.state, setting.tasks
     frames = 1 / nav.frame_time
-    rules, memory_rules = nav.guidance, nav.guidance.memory
+    parameters, memory_parameters = nav.guidance, nav.guidance.memory
 
     def render(task: TaskArrays, s: LoopState) -> jax.Array:
         return render_depth(task.scene, nav.intrinsics, *camera_in_world(nav.camera, s.walk.physics.qpos))
 
     def see(task: TaskArrays, s: LoopState) -> jax.Array:
         noise = nav.noise or DepthNoise()
-        return take_depth(nav.camera, nav.intrinsics, noise, task.scene, s.walk.physics.qpos, s.eyes)[1]
+        return take_depth(nav.camera, nav.intrinsics, noise, task.scene, s.walk.physics.qpos, s.depth_camera)[1]
 
     depth = jax.jit(jax.vmap(see))(tasks, state)
-    mount = jnp.tile(nnx.merge(nav.graph, nav.planner).config.ipath.mount.as_array(), (setting.count, 1))
+    mount = jnp.tile(nav.planner.merge().config.ipath.mount.as_array(), (setting.count, 1))
     base = jnp.concatenate([state.walk.physics.qpos[:, :2], tasks.start[:, 2:]], axis=1)
-    sight = Sight(depth, mount, base, tasks.goals[:, 0])
+    observation = Observation(depth, mount, base, tasks.goals[:, 0])
+    cleaned = observation._replace(depth=jax.jit(jax.vmap(clean_depth))(depth))
 
-    def add_map(s: LoopState, at: Sight) -> tuple:
-        frame = free_and_occupied(clean_depth(at.depth), at.mount, nav.intrinsics, DEFAULT_GRID, DEFAULT_RULES)
-        memory = remember(memory_rules, s.memory, at.base, *frame)
-        occupied, unknown = remembered(memory_rules, memory)
-        esdf = signed_distance_field(occupied, memory_rules.resolution)
-        return esdf, occupied, unknown, window_origin(memory_rules, memory)
+    def add_map(s: LoopState, at: Observation) -> tuple:
+        frame = free_and_occupied(clean_depth(at.depth), at.mount, nav.intrinsics, DEFAULT_GRID, parameters.obstacles)
+        memory = update_memory(memory_parameters, s.memory, at.base, *frame)
+        occupied, unknown = memory_cells(memory_parameters, memory)
+        esdf = signed_distance_field(occupied, memory_parameters.resolution)
+        return esdf, occupied, unknown, window_origin(memory_parameters, memory)
 
-    maps = jax.jit(jax.vmap(add_map))(state, sight)
+    maps = jax.jit(jax.vmap(add_map))(state, observation)
 
-    def route(esdf: jax.Array, occupied: jax.Array, unknown: jax.Array, origin: jax.Array, at: Sight) -> tuple:
+    def route(esdf: jax.Array, occupied: jax.Array, unknown: jax.Array, origin: jax.Array, at: Observation) -> tuple:
         unseen = softened(pool_2x2(unknown.astype(esdf.dtype)))
-        to_go = route_costs(rules, occupied, esdf, unseen, at.goal - origin)
-        return best_routes(to_go, unseen, at.goal - origin, at.base[:2] - origin, halved(memory_rules.grid))
+        to_go = route_costs(parameters, occupied, esdf, unseen, at.goal - origin)
+        return best_routes(to_go, unseen, at.goal - origin, at.base[:2] - origin, halved(memory_parameters.grid))
 
-    def ipath(at: Sight) -> jax.Array:
-        return network_path(nnx.merge(nav.graph, nav.planner), at, at.goal)
+    def ipath(at: Observation) -> jax.Array:
+        return network_path(nav.planner.merge(), at, at.goal)
 
-    def find_way(s: LoopState, at: Sight) -> Guidance:
-        return guide(rules, (nav.graph, nav.planner), nav.intrinsics, s.memory, at)[1]
+    def guidance_of(s: LoopState, at: Observation) -> Guidance:
+        return guide(parameters, nav.planner.merge(), nav.intrinsics, s.memory, at)[1]
 
-    guidance = jax.jit(jax.vmap(find_way))(state, sight)
+    guidance = jax.jit(jax.vmap(guidance_of))(state, observation)
 
     def band(esdf: jax.Array, origin: jax.Array, way: Guidance) -> tuple:
-        return safe_path(rules.band_parameters, way.path - origin, esdf, memory_rules.grid)
+        return safe_path(parameters.band, way.path - origin, esdf, memory_parameters.grid)
 
     def footsteps(s: LoopState, way: Guidance) -> Any:
         terms = rigid_body_terms(nav.walker.robot, s.walk.physics.qpos, s.walk.physics.qvel)
-        zero = jnp.zeros(())
-        stance = Stance(terms.com[:2], terms.com_velocity[:2], terms.foot_positions[0, :2], zero, zero > 1, zero)
-        istepper = nnx.merge(nav.graph, nav.planner).istepper
-        return plan_steps(nav.pursuit, istepper, way.path, way.look, stance)
+        zero, right = jnp.zeros(()), jnp.asarray(Side.RIGHT)
+        stance = Stance(terms.com[:2], terms.com_velocity[:2], terms.foot_positions[0, :2], zero, right, zero)
+        istepper = nav.planner.merge().istepper
+        return plan_steps(nav.pursuit, istepper, way.path, way.face_point, stance)
 
     def think(c: Conditions, s: LoopState) -> Any:
         def tick(memory: Any, _: None) -> tuple[Any, None]:
@@ -150,12 +165,12 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
     return {
         "depth rendering": (rendering, frames),
         "depth noise": (max(setting.time(see, tasks, state) - rendering, 0.0), frames),
-        "map and distance field": (setting.time(add_map, state, sight), frames),
-        "route on the map": (setting.time(route, *maps, sight), frames),
-        "iPath": (setting.time(ipath, sight), frames),
+        "map and distance field": (setting.time(add_map, state, observation), frames),
+        "route on the map": (setting.time(route, *maps, observation), frames),
+        "iPath": (setting.time(ipath, cleaned), frames),
         "band off obstacles": (setting.time(band, maps[0], maps[3], guidance), frames),
-        "iStepper and course": (setting.time(footsteps, state, guidance), nav.loop.looks * frames),
-        "body clearance": (setting.time(clearance, tasks, state), nav.loop.looks * frames),
+        "iStepper and course": (setting.time(footsteps, state, guidance), nav.loop.checks_per_frame * frames),
+        "body clearance": (setting.time(clearance, tasks, state), nav.loop.checks_per_frame * frames),
         "sensors, estimator, control": (thinking / TICKS, 500.0),
         "physics": (max(walking - thinking, 0.0) / TICKS, 500.0),
     }
@@ -183,9 +198,8 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
     def ipath_rate(network: Planner) -> float:
         sizes = network.config.ipath
         depth = jnp.full((1, sizes.height, sizes.width), 2.0)
-        graph, params = nnx.split(network, nnx.Param)
-        call = jax.jit(lambda p, d: nnx.merge(graph, p).plan_path(d, jnp.ones((1, 2)), mount)[0])
-        return rate(call, params, depth)
+        call = jax.jit(lambda split, image: split.merge().plan_path(image, jnp.ones((1, 2)), mount)[0])
+        return rate(call, split_module(network), depth)
 
     controller = navigator.walker.controller
     setting = Setting(navigator, generated_tasks(1), warm=15)
@@ -199,16 +213,19 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
 
     path = jnp.stack([jnp.linspace(0, 2, 100), jnp.zeros(100)], axis=1)
     zero = jnp.zeros(())
-    stance = Stance(jnp.zeros(2), jnp.zeros(2), jnp.asarray([0.0, 0.05]), zero, zero < 1, zero)
-    graph, params = nnx.split(planner, nnx.Param)
-    step = jax.jit(lambda p, x: plan_steps(navigator.pursuit, nnx.merge(graph, p).istepper, x, x[-1], stance).positions)
+    stance = Stance(jnp.zeros(2), jnp.zeros(2), jnp.asarray([0.0, 0.05]), zero, jnp.asarray(Side.LEFT), zero)
+
+    @jax.jit
+    def step(split: SplitModule[Planner], path: jax.Array) -> jax.Array:
+        return plan_steps(navigator.pursuit, split.merge().istepper, path, path[-1], stance).positions
+
     published = IPathConfig(variant="paper", trunk_width=64, goal_is_end=True, even=False)
     large = dataclasses.replace(published, height=360, width=640)
     rates = {
         "iPath (default)": ipath_rate(planner),
         "iPath (paper, 90 x 160)": ipath_rate(Planner(PlannerConfig(ipath=published), nnx.Rngs(0))),
         "iPath (paper, 360 x 640)": ipath_rate(Planner(PlannerConfig(ipath=large), nnx.Rngs(0))),
-        "iStepper and course": rate(step, params, path),
+        "iStepper and course": rate(step, navigator.planner, path),
         "rigid-body terms and control": rate(jax.jit(control), walk.physics.qpos, walk.physics.qvel),
     }
     print("\nOne robot, one call at a time")

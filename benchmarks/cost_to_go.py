@@ -19,8 +19,11 @@ from scipy.sparse.csgraph import dijkstra  # noqa: E402
 
 from benchmarks.timing import compiled, in_turns  # noqa: E402
 from iwalker_jax.optimization import Solution  # noqa: E402
-from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go  # noqa: E402
-from iwalker_jax.perception.grid import GridSpec  # noqa: E402
+from iwalker_jax.perception import (  # noqa: E402
+    UNREACHABLE,
+    GridSpec,
+    cost_to_go,
+)
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 
 SIZES = (80, 160)

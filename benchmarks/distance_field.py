@@ -17,7 +17,7 @@ import scipy  # noqa: E402
 from scipy.ndimage import distance_transform_edt  # noqa: E402
 
 from benchmarks.timing import compiled, in_turns  # noqa: E402
-from iwalker_jax.perception.distance_field import signed_distance_field  # noqa: E402
+from iwalker_jax.perception import signed_distance_field  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 
 SIZES = (100, 160, 200, 400, 512)

@@ -17,17 +17,22 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 
 from benchmarks.timing import timed  # noqa: E402
-from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject  # noqa: E402
+from iwalker_jax.perception import (  # noqa: E402
+    DEFAULT_GRID,
+    CameraMount,
+    Intrinsics,
+    backproject,
+    build_local_map,
+    clean_depth,
+    fit_floor,
+    free_and_occupied,
+    signed_distance_field,
+)
 from iwalker_jax.perception.collision_map import (  # noqa: E402
-    DEFAULT_RULES,
+    DEFAULT_OBSTACLES,
     occupancy_map,
     published_collision_map,
 )
-from iwalker_jax.perception.depth_cleanup import clean_depth  # noqa: E402
-from iwalker_jax.perception.distance_field import signed_distance_field  # noqa: E402
-from iwalker_jax.perception.floor import fit_floor  # noqa: E402
-from iwalker_jax.perception.grid import DEFAULT_GRID  # noqa: E402
-from iwalker_jax.perception.local_map import build_local_map, free_and_occupied  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene  # noqa: E402
 from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise  # noqa: E402
@@ -71,7 +76,7 @@ def speed_table(depth: jax.Array, mount: jax.Array) -> None:
     stages: dict[str, tuple[Callable, tuple[jax.Array, ...]]] = {
         "clean_depth": (clean_depth, (depth,)),
         "free_and_occupied": (
-            lambda d, m: free_and_occupied(d, m, INTRINSICS, DEFAULT_GRID, DEFAULT_RULES),
+            lambda d, m: free_and_occupied(d, m, INTRINSICS, DEFAULT_GRID, DEFAULT_OBSTACLES),
             (depth, mount),
         ),
         "published_collision_map": (lambda d, m: published_collision_map(d, m, INTRINSICS), (depth, mount)),

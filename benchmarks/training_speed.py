@@ -25,7 +25,7 @@ from iwalker_jax.data.frame_set import DEPTH_UNIT, FrameSet  # noqa: E402
 from iwalker_jax.data.sources import DataConfig, load_training_frames  # noqa: E402
 from iwalker_jax.geometry import resample_by_arc_length  # noqa: E402
 from iwalker_jax.optimization import initial_state_from_reference, solve_step_mpc, solve_unicycle  # noqa: E402
-from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes  # noqa: E402
+from iwalker_jax.planning import RobotState, pre_impact_planes  # noqa: E402
 from iwalker_jax.runtime.devices import machine  # noqa: E402
 from iwalker_jax.training.batches import TrainingBatch, frame_order, gather_batch  # noqa: E402
 from iwalker_jax.training.config import TrainConfig, paper_preset  # noqa: E402

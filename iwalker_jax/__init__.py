@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from iwalker_jax.api import EpisodesResult, WalkResult, load_planner, run_episodes, walk
     from iwalker_jax.errors import CheckpointError, InputError
     from iwalker_jax.evaluation.frames import draw_plan
-    from iwalker_jax.navigation.record import Outcome
+    from iwalker_jax.navigation import Outcome
     from iwalker_jax.optimization import (
         GradientMode,
         HlipParameters,

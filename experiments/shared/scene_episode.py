@@ -23,10 +23,7 @@ from iwalker_jax.evaluation.episodes import (
     save_episode,
     write_film,
 )
-from iwalker_jax.navigation.body_volume import BodyVolume
-from iwalker_jax.navigation.episodes import EpisodeProgram
-from iwalker_jax.navigation.navigators import make_navigator
-from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
+from iwalker_jax.navigation import BodyVolume, EpisodeProgram, EpisodeRecord, Outcome, make_navigator
 from iwalker_jax.runtime import write_json
 from iwalker_jax.scenes import Scene
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene
@@ -125,7 +122,7 @@ def run_scene_episode(options: EpisodeOptions, shared: SharedOptions) -> None:
     metrics = episode_metrics(episode, task)
     outcome = Outcome(int(episode.outcome[-1]))
     simulated = float(episode.time[-1])
-    say(f"\nBRUCE {SENTENCES[outcome]} after {simulated:.1f} s ({task.name}, {name}, {options.policy}).")
+    say(f"\nBRUCE {outcome.sentence} after {simulated:.1f} s ({task.name}, {name}, {options.policy}).")
     route = f"the shortest route is {metrics.shortest:.1f} m; SPL {metrics.spl:.2f}"
     say(f"Walked {metrics.walked:.1f} m, {route if math.isfinite(metrics.shortest) else 'but no route leads there'}.")
     say(f"Least clearance {100 * float(episode.clearance.min()):.1f} cm, mean speed {metrics.speed:.2f} m/s.")

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning import Planner
 from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.pretrained import load_planner as load_planner_file

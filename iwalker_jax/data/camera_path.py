@@ -9,8 +9,7 @@ from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
 from iwalker_jax.data.goals import cells_that_reach, costs_to_goal, reachable_goals, walkable_cells
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.geometry import host
-from iwalker_jax.perception import Intrinsics
-from iwalker_jax.perception.cost_to_go import UNREACHABLE, descend
+from iwalker_jax.perception import UNREACHABLE, Intrinsics, descend
 from iwalker_jax.scenes import (
     SCENE_GRID,
     DepthNoise,

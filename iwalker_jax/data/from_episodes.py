@@ -16,8 +16,7 @@ from iwalker_jax.data.frame_set import FrameSet, concatenate, depth_to_millimetr
 from iwalker_jax.data.goals import cells_that_reach, reachable_goals
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.camera import RobotCamera, camera_in_world, measured_mount
-from iwalker_jax.navigation.record import EpisodeRecord, Outcome
+from iwalker_jax.navigation import EpisodeRecord, Outcome, RobotCamera, camera_in_world, measured_mount
 from iwalker_jax.tasks import Task
 
 

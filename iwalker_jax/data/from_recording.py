@@ -12,9 +12,7 @@ from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
 from iwalker_jax.data.recordings import load_recording
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, host
-from iwalker_jax.perception import Intrinsics, build_local_map
-from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
-from iwalker_jax.perception.grid import DEFAULT_GRID, halved, pool_2x2
+from iwalker_jax.perception import DEFAULT_GRID, UNREACHABLE, Intrinsics, build_local_map, cost_to_go, halved, pool_2x2
 
 _GRID = halved(DEFAULT_GRID)
 _NEAREST_GOAL, _FARTHEST_GOAL = 0.6, 6.0

@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float, Float32
 
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.geometry import host
-from iwalker_jax.perception.cost_to_go import UNREACHABLE
+from iwalker_jax.perception import UNREACHABLE
 from iwalker_jax.scenes import SCENE_GRID, Scene, SceneArrays, free_cells, route_map
 
 

@@ -1,1 +1,50 @@
-"""The whole loop: camera, planner, walking and physics in episodes with goals, collisions, falls and an end."""
+"""Episodes of a robot that finds its way by sight: camera, map memory, guidance, footsteps, and how they end."""
+
+from iwalker_jax.navigation.body_volume import BodyVolume, body_clearance, body_clearance_at, load_body_volume
+from iwalker_jax.navigation.camera import RobotCamera, base_pose, camera_in_world, load_camera, measured_mount
+from iwalker_jax.navigation.camera_health import HealthParameters
+from iwalker_jax.navigation.closed_loop import LoopParameters, LoopState, Navigator, run_episode, start_episode
+from iwalker_jax.navigation.episodes import EpisodeProgram, place_at
+from iwalker_jax.navigation.faults import Faults, make_faults
+from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, Observation, guide
+from iwalker_jax.navigation.map_memory import MapMemory, MapMemoryParameters
+from iwalker_jax.navigation.navigators import POLICIES, NavigationPolicy, make_navigator
+from iwalker_jax.navigation.path_band import BandParameters, safe_path
+from iwalker_jax.navigation.record import EpisodeRecord, Outcome
+from iwalker_jax.navigation.step_planning import PursuitParameters
+
+__all__ = [
+    "POLICIES",
+    "BandParameters",
+    "BodyVolume",
+    "EpisodeProgram",
+    "EpisodeRecord",
+    "Faults",
+    "Guidance",
+    "GuidanceParameters",
+    "HealthParameters",
+    "LoopParameters",
+    "LoopState",
+    "MapMemory",
+    "MapMemoryParameters",
+    "NavigationPolicy",
+    "Navigator",
+    "Observation",
+    "Outcome",
+    "PursuitParameters",
+    "RobotCamera",
+    "base_pose",
+    "body_clearance",
+    "body_clearance_at",
+    "camera_in_world",
+    "guide",
+    "load_body_volume",
+    "load_camera",
+    "make_faults",
+    "make_navigator",
+    "measured_mount",
+    "place_at",
+    "run_episode",
+    "safe_path",
+    "start_episode",
+]

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import safe_sqrt
 from iwalker_jax.robot import RobotModel, body_poses
-from iwalker_jax.scenes.scene import SceneArrays
+from iwalker_jax.scenes import SceneArrays
 
 TOLERANCE = 0.01
 """[m] by which spheres may stand out of the body or fall short of its surface, at most."""

@@ -6,20 +6,26 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from iwalker_jax.errors import InputError
+
 
 @dataclass(frozen=True)
 class HealthParameters:
     """When a camera counts as failed.
 
     Attributes:
-        least_valid: share of pixels with a return below which a frame is blind.
-        patience: such frames, or identical ones, in a row before the robot stops.
-        moving: [m/s] speed above which two frames cannot be identical.
+        min_valid: share of pixels with a return below which a frame is blind.
+        max_bad_frames: blind or identical frames in a row at which the robot stops.
+        moving_speed: [m/s] above which two frames cannot be identical.
     """
 
-    least_valid: float = 0.05
-    patience: int = 3
-    moving: float = 0.02
+    min_valid: float = 0.05
+    max_bad_frames: int = 3
+    moving_speed: float = 0.02
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.min_valid < 1 or self.max_bad_frames < 1 or self.moving_speed < 0:
+            raise InputError("HealthParameters needs min_valid in [0, 1), max_bad_frames >= 1 and moving_speed >= 0.")
 
 
 class CameraHealth(NamedTuple):
@@ -27,12 +33,12 @@ class CameraHealth(NamedTuple):
 
     Attributes:
         last: (h, w) the last frame [m].
-        bad: () int32, blind or frozen frames in a row.
+        bad_frames: () int32, blind or frozen ones in a row.
         failed: () bool; lasts until a good frame that differs from the last one.
     """
 
     last: Float[Array, "h w"]
-    bad: Int[Array, ""]
+    bad_frames: Int[Array, ""]
     failed: Bool[Array, ""]
 
 
@@ -42,12 +48,12 @@ def healthy_camera(shape: tuple[int, int], dtype: jnp.dtype) -> CameraHealth:
 
 
 def check_camera(
-    rules: HealthParameters, health: CameraHealth, depth: Float[Array, "h w"], speed: Float[Array, ""]
+    parameters: HealthParameters, health: CameraHealth, depth: Float[Array, "h w"], speed: Float[Array, ""]
 ) -> CameraHealth:
     """Health after a frame [m], taken at a speed [m/s] of the robot as it believes."""
-    blind = jnp.mean((depth > 0) & jnp.isfinite(depth)) < rules.least_valid
+    blind = jnp.mean((depth > 0) & jnp.isfinite(depth)) < parameters.min_valid
     same = jnp.all(depth == health.last)
     # A standing robot with a perfect camera may well see the same image twice.
-    bad = blind | (same & (speed > rules.moving)) | (same & health.failed)
-    count = jnp.where(bad, health.bad + 1, 0)
-    return CameraHealth(depth, count, count >= rules.patience)
+    bad = blind | (same & (speed > parameters.moving_speed)) | (same & health.failed)
+    count = jnp.where(bad, health.bad_frames + 1, 0)
+    return CameraHealth(depth, count, count >= parameters.max_bad_frames)

@@ -8,11 +8,10 @@ to be.
 
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from flax import nnx
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.control import FootstepPlan, GaitMode, posture_of
@@ -23,15 +22,15 @@ from iwalker_jax.navigation.camera import RobotCamera, base_pose, camera_in_worl
 from iwalker_jax.navigation.camera_health import CameraHealth, HealthParameters, check_camera, healthy_camera
 from iwalker_jax.navigation.depth_camera import DepthCameraState, start_depth_camera, take_depth
 from iwalker_jax.navigation.faults import Faults, obstacles_at, within
-from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, Sight, guide
-from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, remembered
+from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, Observation, guide
+from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, memory_cells
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.navigation.step_planning import PursuitParameters, Stance, plan_steps, stop_steps
-from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.perception import Intrinsics
+from iwalker_jax.planning import Planner, SplitModule
 from iwalker_jax.robot import rigid_body_terms
-from iwalker_jax.scenes.depth_noise import DepthNoise
-from iwalker_jax.tasks.task import TaskArrays
+from iwalker_jax.scenes import DepthNoise, SceneArrays
+from iwalker_jax.tasks import TaskArrays
 from iwalker_jax.walking import Conditions, Sample, Walker, WalkState, start_walk, walk_tick
 
 
@@ -40,23 +39,26 @@ class LoopParameters:
     """Clocks and ends of an episode.
 
     Attributes:
-        ticks: control ticks from a look at the footsteps to the next; looks: such looks in a camera frame.
-        arrival: [m] distance from which a goal counts as reached.
-        patience: [s] without `progress` [m] of displacement after which the robot gives up.
-        hopeless: [s] without any way on the map after which it does.
-        progress: see there.
+        ticks_per_check: control ticks from one check whether new footsteps are due to the next.
+        checks_per_frame: such checks in a camera frame.
+        arrival_distance: [m] from which a goal counts as reached.
+        progress_distance: [m] of displacement that counts as progress.
+        progress_timeout: [s] without progress after which the robot gives up.
+        route_timeout: [s] without any route on the map after which it does.
     """
 
-    ticks: int = 11
-    looks: int = 3
-    arrival: float = 0.30
-    patience: float = 15.0
-    hopeless: float = 4.0
-    progress: float = 0.30
+    ticks_per_check: int = 11
+    checks_per_frame: int = 3
+    arrival_distance: float = 0.30
+    progress_distance: float = 0.30
+    progress_timeout: float = 15.0
+    route_timeout: float = 4.0
 
     def __post_init__(self) -> None:
-        if self.ticks < 1 or self.looks < 1 or not (self.arrival > 0 and self.patience > 0 and self.progress > 0):
-            raise InputError("LoopParameters needs at least one tick and look, and positive distances and times.")
+        if self.ticks_per_check < 1 or self.checks_per_frame < 1:
+            raise InputError("LoopParameters needs at least one tick per check and one check per frame.")
+        if not min(self.arrival_distance, self.progress_distance, self.progress_timeout, self.route_timeout) > 0:
+            raise InputError("LoopParameters needs positive distances [m] and times [s].")
 
 
 @jax.tree_util.register_dataclass
@@ -66,19 +68,21 @@ class Navigator:
 
     Attributes:
         walker: the walking robot.
-        camera: on it; volume: of its body.
-        planner: parameters of the networks and graph: their structure.
-        guidance, pursuit: how paths and footsteps come about; no pursuit takes the networks' output as it is.
+        camera: fixed to the robot.
+        volume: of the robot's body, for its clearance.
+        planner: the networks.
+        guidance: how paths come about.
+        pursuit: how footsteps do; None takes the networks' output as it is.
         noise: of the depth camera; None for ideal depth.
         intrinsics: of its images.
-        loop, health: clocks and ends, and when the camera counts as failed.
+        loop: clocks and ends of an episode.
+        health: when the camera counts as failed.
     """
 
     walker: Walker
     camera: RobotCamera
     volume: BodyVolume
-    planner: Any
-    graph: nnx.GraphDef = field(metadata={"static": True})
+    planner: SplitModule[Planner]
     guidance: GuidanceParameters = field(metadata={"static": True}, default=GuidanceParameters())
     pursuit: PursuitParameters | None = field(metadata={"static": True}, default=PursuitParameters())
     noise: DepthNoise | None = field(metadata={"static": True}, default=DepthNoise())
@@ -89,7 +93,7 @@ class Navigator:
     @property
     def frame_time(self) -> float:
         """[s] between two camera frames."""
-        return self.loop.ticks * self.loop.looks * self.walker.controller.time_step
+        return self.loop.ticks_per_check * self.loop.checks_per_frame * self.walker.controller.time_step
 
 
 class LoopState(NamedTuple):
@@ -97,12 +101,15 @@ class LoopState(NamedTuple):
 
     Attributes:
         walk: the walking robot; frozen once the episode has ended.
-        plan: its footsteps; stopping: whether they end in standing.
-        memory, health: of the planner.
+        plan: its footsteps.
+        stopping: whether they end in standing.
+        memory: what it remembers of the map.
+        health: whether its camera is to be trusted.
         goal: index of the present goal.
         outcome: `Outcome` so far.
-        anchor: (3,) x, y [m] and time [s] of the last progress; last_way: () [s] when the map last had a way.
-        eyes: of the depth camera.
+        last_progress: (3,) x, y [m] and time [s] of the last progress.
+        last_route: () [s] when the map last had a route.
+        depth_camera: errors of the depth camera that last.
     """
 
     walk: WalkState
@@ -112,13 +119,18 @@ class LoopState(NamedTuple):
     health: CameraHealth
     goal: Int[Array, ""]
     outcome: Int[Array, ""]
-    anchor: Float[Array, "3"]
-    last_way: Float[Array, ""]
-    eyes: DepthCameraState
+    last_progress: Float[Array, "3"]
+    last_route: Float[Array, ""]
+    depth_camera: DepthCameraState
 
 
-class Wish(NamedTuple):
-    """What the footsteps are for during a frame: follow the guidance, or stop."""
+class StepRequest(NamedTuple):
+    """What the footsteps of a frame are for.
+
+    Attributes:
+        guidance: the path to follow.
+        stop: () bool, stand still instead.
+    """
 
     guidance: Guidance
     stop: Bool[Array, ""]
@@ -128,11 +140,13 @@ def start_episode(navigator: Navigator, task: TaskArrays, conditions: Conditions
     """The robot standing at the task's start, knowing nothing of the scene.
 
     Args:
+        navigator: the robot.
+        task: where it starts and its goals.
         conditions: what it meets; its start state is moved to the task's start (see `place_at`).
     """
     walk = start_walk(navigator.walker, conditions)
     dtype = conditions.qpos.dtype
-    geometry = _planner(navigator).istepper.geometry
+    geometry = navigator.planner.merge().istepper.geometry
     plan = FootstepPlan(
         jnp.zeros((geometry.count, 2), dtype),
         jnp.zeros(geometry.count, dtype),
@@ -150,9 +164,9 @@ def start_episode(navigator: Navigator, task: TaskArrays, conditions: Conditions
         health=healthy_camera(shape, dtype),
         goal=none,
         outcome=none + int(Outcome.RUNNING),
-        anchor=jnp.append(base[:2], 0.0),
-        last_way=jnp.zeros((), dtype),
-        eyes=start_depth_camera(navigator.camera, conditions.qpos, jax.random.fold_in(conditions.key, 1)),
+        last_progress=jnp.append(base[:2], 0.0),
+        last_route=jnp.zeros((), dtype),
+        depth_camera=start_depth_camera(navigator.camera, conditions.qpos, jax.random.fold_in(conditions.key, 1)),
     )
 
 
@@ -162,7 +176,11 @@ def camera_frame(
     """One camera frame of an episode: see, plan, and walk until the next one.
 
     Args:
+        navigator: the robot.
+        task: its goals.
+        conditions: friction, masses, pushes and sensor noise that it meets.
         faults: of camera, odometry and scene.
+        state: at the frame's beginning.
         images: whether to record depth and map (static).
     """
     running = state.outcome == Outcome.RUNNING
@@ -173,30 +191,33 @@ def camera_frame(
     conditions = conditions._replace(images_lost=unseen)
     believed, mount, speed = _believed_base(navigator, state.walk)
     qpos = state.walk.physics.qpos
-    eyes, depth = take_depth(navigator.camera, navigator.intrinsics, navigator.noise, scene, qpos, state.eyes)
+    depth_camera, depth = take_depth(
+        navigator.camera, navigator.intrinsics, navigator.noise, scene, qpos, state.depth_camera
+    )
     depth = jnp.where(within(faults.blind, time), 0.0, depth)
     depth = jnp.where(within(faults.frozen, time), state.health.last, depth)
-    state = state._replace(eyes=eyes, health=check_camera(navigator.health, state.health, depth, speed))
+    health = check_camera(navigator.health, state.health, depth, speed)
+    state = state._replace(depth_camera=depth_camera, health=health)
 
     goal, arrived = _next_goal(navigator, task, state.goal, believed)
-    seeing = Sight(depth, mount, believed, task.goals[goal])
-    planner = navigator.graph, navigator.planner
-    memory, guidance = guide(navigator.guidance, planner, navigator.intrinsics, state.memory, seeing)
+    observation = Observation(depth, mount, believed, task.goals[goal])
+    planner = navigator.planner.merge()
+    memory, guidance = guide(navigator.guidance, planner, navigator.intrinsics, state.memory, observation)
     state = state._replace(goal=goal, memory=memory)
 
-    anchor, lost = _progress(navigator.loop, state.anchor, believed, time)
-    last_way = jnp.where(guidance.way, time, state.last_way)
-    lost = lost | (time - last_way > navigator.loop.hopeless)
-    wish = Wish(guidance, state.health.failed | arrived | lost)
-    state = state._replace(anchor=anchor, last_way=last_way)
-    look = partial(_walk_on, navigator, scene, conditions, wish)
-    state, (samples, clearances) = jax.lax.scan(look, state, None, length=navigator.loop.looks)
+    last_progress, stuck = _progress(navigator.loop, state.last_progress, believed, time)
+    last_route = jnp.where(guidance.route_exists, time, state.last_route)
+    stuck = stuck | (time - last_route > navigator.loop.route_timeout)
+    request = StepRequest(guidance, state.health.failed | arrived | stuck)
+    state = state._replace(last_progress=last_progress, last_route=last_route)
+    check = partial(_check_and_walk, navigator, scene, conditions, request)
+    state, (samples, clearances) = jax.lax.scan(check, state, None, length=navigator.loop.checks_per_frame)
 
     stands = state.walk.memory.controller.gait.mode == GaitMode.STAND
     outcome = state.outcome
     for ended, meaning in (
         (time >= task.time_limit, Outcome.TIMED_OUT),
-        (lost & stands, Outcome.GAVE_UP),
+        (stuck & stands, Outcome.GAVE_UP),
         (arrived & stands, Outcome.REACHED),
         (state.walk.fallen, Outcome.FELL),
         (jnp.min(clearances) < 0, Outcome.COLLIDED),
@@ -205,7 +226,7 @@ def camera_frame(
     # An ended episode is frozen, so that it costs its neighbours nothing and can be looked at as it ended.
     ended = outcome != Outcome.RUNNING
     state = state._replace(outcome=outcome, walk=state.walk._replace(fallen=state.walk.fallen | ended))
-    record = _record(navigator, state, believed, wish, samples, jnp.min(clearances), depth if images else None)
+    record = _record(navigator, state, believed, request, samples, jnp.min(clearances), depth if images else None)
     return state, record
 
 
@@ -224,10 +245,6 @@ def run_episode(
         return camera_frame(navigator, task, conditions, faults, state, images)
 
     return jax.lax.scan(step, state, None, length=frames)
-
-
-def _planner(navigator: Navigator) -> Planner:
-    return nnx.merge(navigator.graph, navigator.planner)
 
 
 def _believed_state(navigator: Navigator, walk: WalkState) -> tuple[Array, Array]:
@@ -249,39 +266,39 @@ def _believed_base(navigator: Navigator, walk: WalkState) -> tuple[Array, Array,
 
 def _next_goal(navigator: Navigator, task: TaskArrays, goal: Array, believed: Array) -> tuple[Array, Array]:
     """Index of the goal to walk to, and whether the last one is reached."""
-    near = jnp.sum((task.goals[goal] - believed[:2]) ** 2) < navigator.loop.arrival**2
+    near = jnp.sum((task.goals[goal] - believed[:2]) ** 2) < navigator.loop.arrival_distance**2
     last = goal >= task.goal_count - 1
     return jnp.where(near & ~last, goal + 1, goal), near & last
 
 
-def _progress(loop: LoopParameters, anchor: Array, believed: Array, time: Array) -> tuple[Array, Array]:
+def _progress(loop: LoopParameters, last: Array, believed: Array, time: Array) -> tuple[Array, Array]:
     """The place and time of the last progress, and whether there has been none for too long."""
-    moved = jnp.sum((believed[:2] - anchor[:2]) ** 2) > loop.progress**2
-    anchor = jnp.where(moved, jnp.append(believed[:2], time), anchor)
-    return anchor, time - anchor[2] > loop.patience
+    moved = jnp.sum((believed[:2] - last[:2]) ** 2) > loop.progress_distance**2
+    last = jnp.where(moved, jnp.append(believed[:2], time), last)
+    return last, time - last[2] > loop.progress_timeout
 
 
-def _walk_on(
-    navigator: Navigator, scene: Any, conditions: Conditions, wish: Wish, state: LoopState, _: None
+def _check_and_walk(
+    navigator: Navigator, scene: SceneArrays, conditions: Conditions, request: StepRequest, state: LoopState, _: None
 ) -> tuple[LoopState, tuple[Sample, Array]]:
     """Plan footsteps if a step has begun, walk some ticks, and measure the clearance."""
-    state = _with_footsteps(navigator, wish, state)
+    state = _with_footsteps(navigator, request, state)
 
     def tick(walk: WalkState, _: None) -> tuple[WalkState, Sample]:
         return walk_tick(navigator.walker, conditions, state.plan, walk)
 
-    walk, samples = jax.lax.scan(tick, state.walk, None, length=navigator.loop.ticks)
+    walk, samples = jax.lax.scan(tick, state.walk, None, length=navigator.loop.ticks_per_check)
     clearance = body_clearance_at(navigator.walker.robot, navigator.volume, scene, walk.physics.qpos)
     return state._replace(walk=walk), (samples, clearance)
 
 
-def _with_footsteps(navigator: Navigator, wish: Wish, state: LoopState) -> LoopState:
+def _with_footsteps(navigator: Navigator, request: StepRequest, state: LoopState) -> LoopState:
     """The state with new footsteps, if a step has begun or a standing robot is to go."""
     gait = state.walk.memory.controller.gait
     stands = gait.mode == GaitMode.STAND
     # A new plan begins with the step under way; a robot without one may be stepping to catch itself.
     begun = (gait.mode == GaitMode.WALK) & ((gait.step > 0) | (state.plan.count == 0)) & ~state.stopping
-    go = stands & ~wish.stop
+    go = stands & ~request.stop
     terms = rigid_body_terms(navigator.walker.robot, *_believed_state(navigator, state.walk))
     posture = posture_of(terms, state.walk.memory.touching)
     stance = Stance(
@@ -292,13 +309,13 @@ def _with_footsteps(navigator: Navigator, wish: Wish, state: LoopState) -> LoopS
         side=gait.stance,
         time=gait.time,
     )
-    istepper = _planner(navigator).istepper
-    follow = plan_steps(navigator.pursuit, istepper, wish.guidance.path, wish.guidance.look, stance)
+    istepper, guidance = navigator.planner.merge().istepper, request.guidance
+    follow = plan_steps(navigator.pursuit, istepper, guidance.path, guidance.face_point, stance)
     stop = stop_steps(istepper.geometry.count, istepper.geometry.width, stance)
-    ends = begun & wish.stop
+    ends = begun & request.stop
     new = begun | go
     # A robot that stands and is to stop forgets footsteps that it has not begun.
-    count = jnp.where(stands & wish.stop, 0, state.plan.count)
+    count = jnp.where(stands & request.stop, 0, state.plan.count)
     state = state._replace(plan=state.plan._replace(count=count))
     chosen = jax.tree.map(lambda a, b: jnp.where(ends, a, b), stop, follow)
     plan = jax.tree.map(lambda a, b: jnp.where(new, a, b), chosen, state.plan)
@@ -320,7 +337,7 @@ def _record(
     navigator: Navigator,
     state: LoopState,
     believed: Array,
-    wish: Wish,
+    request: StepRequest,
     samples: Sample,
     clearance: Array,
     depth: Array | None,
@@ -330,7 +347,7 @@ def _record(
     base = base_pose(R_world_camera, samples.com[-1, -1])
     occupied = jnp.zeros((0, 0), bool)
     if depth is not None:
-        occupied, _ = remembered(navigator.guidance.memory, state.memory)
+        occupied, _ = memory_cells(navigator.guidance.memory, state.memory)
     share = jnp.max(samples.torques / navigator.walker.controller.actuation.limits)
     return EpisodeRecord(
         time=physics.time,
@@ -340,12 +357,12 @@ def _record(
         base=base,
         believed=believed,
         feet=samples.feet[-1, -1],
-        path=wish.guidance.path,
+        path=request.guidance.path,
         footsteps=state.plan.positions,
         first_side=state.plan.first_swing,
         clearance=clearance,
-        stopped=wish.stop,
-        detour=wish.guidance.detour,
+        stopped=request.stop,
+        detour=request.guidance.detour,
         torque_share=share,
         qp_failures=jnp.sum(samples.qp_failures),
         depth=jnp.zeros((0, 0), jnp.float16) if depth is None else depth.astype(jnp.float16),

@@ -8,10 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
 from iwalker_jax.navigation.camera import RobotCamera, camera_in_world
-from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
-from iwalker_jax.scenes.ray_casting import render_depth
-from iwalker_jax.scenes.scene import SceneArrays
+from iwalker_jax.perception import Intrinsics
+from iwalker_jax.scenes import DepthNoise, SceneArrays, add_depth_noise, render_depth
 
 
 class DepthCameraState(NamedTuple):

@@ -16,7 +16,7 @@ from iwalker_jax.navigation.closed_loop import Navigator, run_episode, start_epi
 from iwalker_jax.navigation.faults import Faults, make_faults
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.runtime.devices import ShardedProgram, chosen_devices
-from iwalker_jax.tasks.task import Task, TaskArrays, stack_tasks
+from iwalker_jax.tasks import Task, TaskArrays, stack_tasks
 from iwalker_jax.walking import Conditions, Disturbances, sample_conditions
 
 _CHUNK = 2.0  # [s] of simulated time in one call
@@ -76,17 +76,18 @@ class EpisodeProgram:
         if faults is not None and len(faults) != len(tasks):
             raise InputError(f"{len(tasks)} tasks came with {len(faults)} faults; give one each, or none at all.")
         conditions = sample_conditions(self.navigator.walker.robot, self._disturbances, len(tasks), seed)
-        troubles = [make_faults()] * len(tasks) if faults is None else list(faults)
+        faults = [make_faults()] * len(tasks) if faults is None else faults
         parts: list[EpisodeRecord] = []
         done = 0.0
         for first in range(0, len(tasks), self.width):
-            chosen = np.minimum(first + np.arange(self.width), len(tasks) - 1)
+            # The last group is filled up with repetitions of the last task.
+            rows = np.minimum(first + np.arange(self.width), len(tasks) - 1)
             own = min(self.width, len(tasks) - first)
-            arrays = stack_tasks([tasks[k] for k in chosen])
-            met = place_at(jax.tree.map(lambda leaf, rows=chosen: leaf[rows], conditions), arrays.start)
-            wrong = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[troubles[k] for k in chosen])
-            record = self._group(arrays, met, wrong, partial(_report, on_progress, done, own))
-            parts.append(jax.tree.map(lambda leaf, rows=own: leaf[:rows], record))
+            group_tasks = stack_tasks([tasks[k] for k in rows])
+            group_conditions = place_at(jax.tree.map(lambda leaf, rows=rows: leaf[rows], conditions), group_tasks.start)
+            group_faults = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[faults[k] for k in rows])
+            record = self._group(group_tasks, group_conditions, group_faults, partial(_report, on_progress, done, own))
+            parts.append(jax.tree.map(lambda leaf, count=own: leaf[:count], record))
             done += own * record.time.shape[1] * self.navigator.frame_time
         longest = max(part.time.shape[1] for part in parts)
         parts = [jax.tree.map(lambda leaf: _lengthened(leaf, longest), part) for part in parts]

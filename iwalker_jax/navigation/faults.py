@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.scenes.scene import SceneArrays
+from iwalker_jax.scenes import SceneArrays
 
 _NEVER = (np.inf, np.inf)
 

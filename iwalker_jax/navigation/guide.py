@@ -1,30 +1,36 @@
 """Which way to go: from what was seen to a path in the world, by the networks, the classical planner, or both."""
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
-from flax import nnx
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, arc_length, interpolate_along, resample_by_arc_length, to_base, to_world
-from iwalker_jax.navigation.map_memory import MapMemory, MapMemoryParameters, remember, remembered, window_origin
+from iwalker_jax.navigation.map_memory import MapMemory, MapMemoryParameters, memory_cells, update_memory, window_origin
 from iwalker_jax.navigation.path_band import BAND_POINTS, BandParameters, safe_path
-from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.perception.collision_map import DEFAULT_RULES
-from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
-from iwalker_jax.perception.depth_cleanup import clean_depth
-from iwalker_jax.perception.distance_field import signed_distance_field
-from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec, halved, pool_2x2, softened
-from iwalker_jax.perception.local_map import free_and_occupied
-from iwalker_jax.perception.seen_route import best_routes
-from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.perception import (
+    DEFAULT_GRID,
+    DEFAULT_OBSTACLES,
+    UNREACHABLE,
+    GridSpec,
+    Intrinsics,
+    ObstacleParameters,
+    TraversalParameters,
+    best_routes,
+    clean_depth,
+    cost_to_go,
+    free_and_occupied,
+    halved,
+    pool_2x2,
+    signed_distance_field,
+    softened,
+    traversal_cost,
+)
+from iwalker_jax.planning import Planner
 
 PathSource = Literal["network", "guided", "route"]
-
-_AROUND = 0.3  # [m] about the robot, within which a way must begin
 
 
 @dataclass(frozen=True)
@@ -35,31 +41,40 @@ class GuidanceParameters:
         source: `network` asks iPath alone and takes its path as it is; `guided` asks iPath for a way to the next way
             point of the route, `route` takes the route itself, the cheapest way to the goal on the remembered map; both
             are drawn off the remembered obstacles and cut before a collision.
-        ahead: [m] along the route to the way point that iPath gets.
-        headway: share of the cost to that point that iPath's path must take off the cost-to-go; else the route is used.
-        memory, band_parameters, traversal: their numbers; routes keep the sway of the gait off obstacles as well as the
-            body.
+        lookahead: [m] along the route to the way point that iPath gets.
+        min_progress: share of the cost to that point that iPath's path must take off the cost-to-go; else the route
+            is used.
+        face_distance: [m] along the route to the point that the robot turns to where the path gives no direction.
+        start_radius: [m] about the robot, within which a route must begin.
+        memory: of the map.
+        obstacles: which points of a frame are obstacles.
+        band: how paths are drawn off obstacles.
+        traversal: cost of the route; routes keep the sway of the gait off obstacles as well as the body.
     """
 
     source: PathSource = "guided"
-    ahead: float = 1.6
-    headway: float = 0.3
+    lookahead: float = 1.6
+    min_progress: float = 0.3
+    face_distance: float = 0.5
+    start_radius: float = 0.3
     memory: MapMemoryParameters = MapMemoryParameters()
-    band_parameters: BandParameters = BandParameters()
+    obstacles: ObstacleParameters = DEFAULT_OBSTACLES
+    band: BandParameters = BandParameters()
     traversal: TraversalParameters = TraversalParameters(body_radius=BODY.route_radius)
 
     def __post_init__(self) -> None:
         if self.source not in get_args(PathSource):
             raise InputError(f"Unknown source of paths {self.source!r}; choose {', '.join(get_args(PathSource))}.")
-        if not self.ahead > 0:
-            raise InputError(f"The way point must lie ahead of the robot, got {self.ahead} m.")
+        if not min(self.lookahead, self.face_distance, self.start_radius) > 0:
+            raise InputError("GuidanceParameters needs positive lookahead, face_distance and start_radius [m].")
 
 
-class Sight(NamedTuple):
-    """What a planner gets at a camera frame.
+class Observation(NamedTuple):
+    """What the robot knows at a camera frame.
 
     Attributes:
-        depth: (h, w) [m]; mount: (5,) as in `CameraMount`, as the robot believes.
+        depth: (h, w) [m], 0 = no return.
+        mount: (5,) as in `CameraMount`, as the robot believes.
         base: (3,) believed pose of the base frame in the world.
         goal: (2,) [m] world.
     """
@@ -75,78 +90,88 @@ class Guidance(NamedTuple):
 
     Attributes:
         path: (BAND_POINTS, 2) [m] world, evenly spaced from the robot on; a point if there is no way.
-        look: (2,) [m] world, where to turn to if the path gives no direction.
+        face_point: (2,) [m] world, where to turn to if the path gives no direction.
         detour: () bool, the route took the place of a path of iPath's that led nowhere.
-        way: () bool, as far as was seen, a way to the goal may exist.
+        route_exists: () bool, as far as was seen, a route to the goal may exist.
     """
 
     path: Float[Array, "k 2"]
-    look: Float[Array, "2"]
+    face_point: Float[Array, "2"]
     detour: Bool[Array, ""]
-    way: Bool[Array, ""]
+    route_exists: Bool[Array, ""]
 
 
 def guide(
-    rules: GuidanceParameters,
-    planner: tuple[nnx.GraphDef, Any],
+    parameters: GuidanceParameters,
+    planner: Planner,
     intrinsics: Intrinsics,
     memory: MapMemory,
-    sight: Sight,
+    observation: Observation,
 ) -> tuple[MapMemory, Guidance]:
     """The memory with this frame added, and the way to the goal.
 
     Args:
-        planner: graph and parameters of a `Planner`.
+        parameters: where paths come from.
+        planner: the networks.
         intrinsics: of the depth image.
+        memory: of the frames before.
+        observation: of this frame.
     """
-    network, no = nnx.merge(*planner), jnp.asarray(False)
-    if rules.source == "network":
-        path = network_path(network, sight, sight.goal)
-        return memory, Guidance(resample_by_arc_length(path, BAND_POINTS), sight.goal, no, ~no)
-    frame = free_and_occupied(clean_depth(sight.depth), sight.mount, intrinsics, DEFAULT_GRID, DEFAULT_RULES)
-    memory = remember(rules.memory, memory, sight.base, *frame)
-    grid, coarse = rules.memory.grid, halved(rules.memory.grid)
-    origin = window_origin(rules.memory, memory)
-    start, goal = sight.base[:2] - origin, sight.goal - origin
-    occupied, unknown = remembered(rules.memory, memory)
-    esdf = signed_distance_field(occupied, rules.memory.resolution)
+    observation = observation._replace(depth=clean_depth(observation.depth))
+    if parameters.source == "network":
+        path = resample_by_arc_length(network_path(planner, observation, observation.goal), BAND_POINTS)
+        return memory, Guidance(path, observation.goal, jnp.asarray(False), jnp.asarray(True))
+    frame = free_and_occupied(observation.depth, observation.mount, intrinsics, DEFAULT_GRID, parameters.obstacles)
+    memory = update_memory(parameters.memory, memory, observation.base, *frame)
+    grid, coarse = parameters.memory.grid, halved(parameters.memory.grid)
+    origin = window_origin(parameters.memory, memory)
+    start, goal = observation.base[:2] - origin, observation.goal - origin
+    occupied, unknown = memory_cells(parameters.memory, memory)
+    esdf = signed_distance_field(occupied, parameters.memory.resolution)
     unseen = softened(pool_2x2(unknown.astype(esdf.dtype)))
-    to_go = route_costs(rules, occupied, esdf, unseen, goal)
+    to_go = route_costs(parameters, occupied, esdf, unseen, goal)
     seen, whole = best_routes(to_go, unseen, goal, start, coarse)
-    band, detour = safe_path(rules.band_parameters, seen, esdf, grid)
-    if rules.source == "guided":
-        route, ahead = band, _on_route(whole, rules.ahead) + origin
-        band, cut = safe_path(rules.band_parameters, network_path(network, sight, ahead) - origin, esdf, grid)
+    path, detour = safe_path(parameters.band, seen, esdf, grid)
+    if parameters.source == "guided":
+        route, waypoint = path, _on_route(whole, parameters.lookahead) + origin
+        path, cut = safe_path(parameters.band, network_path(planner, observation, waypoint) - origin, esdf, grid)
         # Where iPath sees no way that leads on, the route does.
-        here, there = (_cost_at(to_go, coarse, point) for point in (band[0], band[-1]))
-        detour = cut | (here - there < rules.headway * jnp.minimum(here, rules.ahead))
-        band = jnp.where(detour, route, band)
-    path = resample_by_arc_length(band + origin, BAND_POINTS)
-    return memory, Guidance(path, _on_route(whole, 0.5) + origin, detour, _reachable_near(to_go, coarse, start))
+        here, there = (_cost_at(to_go, coarse, point) for point in (path[0], path[-1]))
+        detour = cut | (here - there < parameters.min_progress * jnp.minimum(here, parameters.lookahead))
+        path = jnp.where(detour, route, path)
+    return memory, Guidance(
+        path=resample_by_arc_length(path + origin, BAND_POINTS),
+        face_point=_on_route(whole, parameters.face_distance) + origin,
+        detour=detour,
+        route_exists=_reachable_near(to_go, coarse, start, parameters.start_radius),
+    )
 
 
-def network_path(network: Planner, sight: Sight, goal: Float[Array, "2"]) -> Float[Array, "n 2"]:
-    """iPath's path to a goal, world frame."""
-    path, _, _ = network.plan_path(sight.depth[None], to_base(sight.base, goal)[None], sight.mount[None])
-    return to_world(sight.base, path[0])
+def network_path(planner: Planner, observation: Observation, goal: Float[Array, "2"]) -> Float[Array, "n 2"]:
+    """iPath's path [m] to a goal, both in the world frame, from an observation whose depth is cleaned."""
+    depth, mount, base, _ = observation
+    path, _, _ = planner.plan_path(depth[None], to_base(base, goal)[None], mount[None], cleaned=True)
+    return to_world(base, path[0])
 
 
 def route_costs(
-    rules: GuidanceParameters,
+    parameters: GuidanceParameters,
     occupied: Bool[Array, "n n"],
     esdf: Float[Array, "n n"],
     unseen: Float[Array, "half half"],
     goal: Float[Array, "2"],
 ) -> Float[Array, "half half"]:
     """Cost of the cheapest route to the goal from every cell of the window, halved; through no occupied cell."""
-    cost = traversal_cost(pool_2x2(esdf), unseen, rules.traversal)
+    cost = traversal_cost(pool_2x2(esdf), unseen, parameters.traversal)
     cost = jnp.where(pool_2x2(occupied.astype(esdf.dtype)) > 0, jnp.inf, cost)
-    return cost_to_go(cost, goal, halved(rules.memory.grid)).value.cost
+    return cost_to_go(cost, goal, halved(parameters.memory.grid)).value.cost
 
 
-def _reachable_near(to_go: Float[Array, "half half"], grid: GridSpec, point: Float[Array, "2"]) -> Bool[Array, ""]:
-    """Whether a way leads on from some cell within a body's width of a point, noise in its own cell or not."""
-    near = jnp.sum((grid.centres() - point) ** 2, axis=-1) < _AROUND**2
+def _reachable_near(
+    to_go: Float[Array, "half half"], grid: GridSpec, point: Float[Array, "2"], radius: float
+) -> Bool[Array, ""]:
+    """Whether a way leads on from some cell within a radius [m] of a point, noise in its own cell or not."""
+    near = jnp.sum((grid.centres() - point) ** 2, axis=-1) < radius**2
     return jnp.any(near & (to_go < UNREACHABLE))
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import to_base
-from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
+from iwalker_jax.perception import DEFAULT_GRID, GridSpec
 
 _LARGEST_SHIFT = 8  # cells between two frames; a robot that believes to have jumped farther starts afresh
 
@@ -25,25 +25,27 @@ class MapMemoryParameters:
 
     Attributes:
         resolution: [m] side of a cell; cells: of a side of the window.
-        occupied, free: evidence of one frame.
-        limit: largest evidence in size, so that a cell can change its mind within a few frames.
-        decided: evidence from which a cell counts as occupied, or, negative, as free.
-        fade: share of the evidence that is forgotten at each frame.
+        occupied_evidence, free_evidence: of one frame that shows a cell occupied or free.
+        max_evidence: largest evidence in size, so that a cell can change its state within a few frames.
+        threshold: evidence from which a cell counts as occupied, or, negative, as free.
+        decay: share of the evidence that is forgotten at each frame.
     """
 
     resolution: float = DEFAULT_GRID.resolution
     cells: int = 160
-    occupied: float = 1.0
-    free: float = 0.7
-    limit: float = 4.0
-    decided: float = 0.9
-    fade: float = 0.001
+    occupied_evidence: float = 1.0
+    free_evidence: float = 0.7
+    max_evidence: float = 4.0
+    threshold: float = 0.9
+    decay: float = 0.001
 
     def __post_init__(self) -> None:
         if self.cells < 2 * _LARGEST_SHIFT or self.cells % 2 or not self.resolution > 0:
             raise InputError(f"The map memory needs an even number of cells, at least {2 * _LARGEST_SHIFT}.")
-        if not 0 < self.decided <= self.limit or not 0 <= self.fade < 1 or min(self.occupied, self.free) <= 0:
-            raise InputError("The map memory needs 0 < decided <= limit, positive evidence and 0 <= fade < 1.")
+        if not 0 < self.threshold <= self.max_evidence or not 0 <= self.decay < 1:
+            raise InputError("The map memory needs 0 < threshold <= max_evidence and 0 <= decay < 1.")
+        if min(self.occupied_evidence, self.free_evidence) <= 0:
+            raise InputError("The map memory needs positive occupied_evidence and free_evidence.")
 
     @property
     def grid(self) -> GridSpec:
@@ -64,18 +66,18 @@ class MapMemory(NamedTuple):
     middle: Int[Array, "2"]
 
 
-def empty_memory(rules: MapMemoryParameters, xy: Float[Array, "2"]) -> MapMemory:
+def empty_memory(parameters: MapMemoryParameters, xy: Float[Array, "2"]) -> MapMemory:
     """Nothing known around a place [m]."""
-    return MapMemory(jnp.zeros((rules.cells, rules.cells), xy.dtype), _cell(rules, xy))
+    return MapMemory(jnp.zeros((parameters.cells, parameters.cells), xy.dtype), _cell(parameters, xy))
 
 
-def window_origin(rules: MapMemoryParameters, memory: MapMemory) -> Float[Array, "2"]:
+def window_origin(parameters: MapMemoryParameters, memory: MapMemory) -> Float[Array, "2"]:
     """World position [m] of the window's middle: subtract it from world points to sample on the memory's grid."""
-    return memory.middle.astype(memory.evidence.dtype) * rules.resolution
+    return memory.middle.astype(memory.evidence.dtype) * parameters.resolution
 
 
-def remember(
-    rules: MapMemoryParameters,
+def update_memory(
+    parameters: MapMemoryParameters,
     memory: MapMemory,
     base: Float[Array, "3"],
     occupied: Bool[Array, "rows columns"],
@@ -88,25 +90,28 @@ def remember(
         base: (x, y, yaw) of the base frame in the world.
         occupied, known_free: of the frame, on `grid` in the base frame.
     """
-    middle = _cell(rules, base[:2])
-    evidence = _shifted(memory.evidence, middle - memory.middle) * (1 - rules.fade)
-    centres = rules.grid.centres() + middle.astype(base.dtype) * rules.resolution
+    middle = _cell(parameters, base[:2])
+    evidence = _shifted(memory.evidence, middle - memory.middle) * (1 - parameters.decay)
+    centres = parameters.grid.centres() + middle.astype(base.dtype) * parameters.resolution
     cell = jnp.round(grid.cell_coordinates(to_base(base, centres))).astype(jnp.int32)
     inside = jnp.all((cell >= 0) & (cell < jnp.asarray(grid.shape)), axis=-1)
     index = jnp.where(inside, cell[..., 0] * grid.columns + cell[..., 1], 0)
-    seen = rules.occupied * occupied - rules.free * known_free
+    seen = parameters.occupied_evidence * occupied - parameters.free_evidence * known_free
     change = jnp.where(inside, seen.reshape(-1)[index], 0.0)
-    return MapMemory(jnp.clip(evidence + change, -rules.limit, rules.limit).astype(memory.evidence.dtype), middle)
+    return MapMemory(
+        jnp.clip(evidence + change, -parameters.max_evidence, parameters.max_evidence).astype(memory.evidence.dtype),
+        middle,
+    )
 
 
-def remembered(rules: MapMemoryParameters, memory: MapMemory) -> tuple[Bool[Array, "n n"], Bool[Array, "n n"]]:
+def memory_cells(parameters: MapMemoryParameters, memory: MapMemory) -> tuple[Bool[Array, "n n"], Bool[Array, "n n"]]:
     """(occupied, unknown) cells of the window."""
-    occupied = memory.evidence >= rules.decided
-    return occupied, jnp.abs(memory.evidence) < min(rules.decided, rules.free)
+    occupied = memory.evidence >= parameters.threshold
+    return occupied, jnp.abs(memory.evidence) < min(parameters.threshold, parameters.free_evidence)
 
 
-def _cell(rules: MapMemoryParameters, xy: Float[Array, "2"]) -> Int[Array, "2"]:
-    return jnp.round(xy / rules.resolution).astype(jnp.int32)
+def _cell(parameters: MapMemoryParameters, xy: Float[Array, "2"]) -> Int[Array, "2"]:
+    return jnp.round(xy / parameters.resolution).astype(jnp.int32)
 
 
 def _shifted(evidence: Float[Array, "n n"], shift: Int[Array, "2"]) -> Float[Array, "n n"]:

@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-from flax import nnx
-
 from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.body_volume import load_body_volume
@@ -11,12 +9,12 @@ from iwalker_jax.navigation.camera import load_camera
 from iwalker_jax.navigation.closed_loop import LoopParameters, Navigator
 from iwalker_jax.navigation.guide import GuidanceParameters
 from iwalker_jax.navigation.step_planning import PursuitParameters
-from iwalker_jax.planning.planner import Planner
-from iwalker_jax.scenes.depth_noise import DepthNoise
+from iwalker_jax.planning import Planner, split_module
+from iwalker_jax.scenes import DepthNoise
 from iwalker_jax.walking import Sensors, default_walker
 
 
-class Policy(NamedTuple):
+class NavigationPolicy(NamedTuple):
     """A way of navigating.
 
     Attributes:
@@ -31,10 +29,10 @@ class Policy(NamedTuple):
 
 
 POLICIES = {
-    "default": Policy(GuidanceParameters(), PursuitParameters(), True),
-    "networks": Policy(GuidanceParameters(source="network"), None, True),
-    "published": Policy(GuidanceParameters(source="network"), None, False),
-    "classical": Policy(GuidanceParameters(source="route"), PursuitParameters(), True),
+    "default": NavigationPolicy(GuidanceParameters(), PursuitParameters(), True),
+    "networks": NavigationPolicy(GuidanceParameters(source="network"), None, True),
+    "published": NavigationPolicy(GuidanceParameters(source="network"), None, False),
+    "classical": NavigationPolicy(GuidanceParameters(source="route"), PursuitParameters(), True),
 }
 """default: iPath's path to the next way point of the remembered route, drawn off the obstacles; iStepper on a line that
 the robot can turn along; the step MPC online. networks: iPath and iStepper alone choose the way, the step MPC keeps the
@@ -51,9 +49,11 @@ def make_navigator(
     """BRUCE with a policy of `POLICIES`.
 
     Args:
+        policy: name of one.
         planner: trained networks; the classical policy uses their iStepper alone.
         sensors: `none` walks on the true state, the others on the estimate.
         depth_noise: whether the camera is as noisy as a real one.
+        loop: clocks and ends of an episode.
 
     Raises:
         InputError: for an unknown policy.
@@ -62,13 +62,11 @@ def make_navigator(
         raise InputError(f"Unknown policy {policy!r}; choose one of {', '.join(POLICIES)}.")
     guidance, pursuit, feedback = POLICIES[policy]
     walker, model = default_walker(sensors, GaitParameters(feedback=feedback))
-    graph, params = nnx.split(planner, nnx.Param)
     return Navigator(
         walker=walker,
         camera=load_camera(model),
         volume=load_body_volume(model),
-        planner=params,
-        graph=graph,
+        planner=split_module(planner),
         guidance=guidance,
         pursuit=pursuit,
         noise=DepthNoise() if depth_noise else None,

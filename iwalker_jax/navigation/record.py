@@ -17,15 +17,38 @@ class Outcome(IntEnum):
     TIMED_OUT = 5
     MISTAKEN = 6
 
+    @property
+    def word(self) -> str:
+        """The outcome in a word or two."""
+        return _DESCRIPTIONS[self].word
 
-SENTENCES = {
-    Outcome.RUNNING: "still under way",
-    Outcome.REACHED: "stood at its last goal",
-    Outcome.COLLIDED: "its body touched an obstacle",
-    Outcome.FELL: "fell",
-    Outcome.GAVE_UP: "stopped, because it found no way to its goal or saw nothing",
-    Outcome.TIMED_OUT: "ran out of time",
-    Outcome.MISTAKEN: "stood where it believed its last goal to be, but had not been at all goals",
+    @property
+    def sentence(self) -> str:
+        """What the robot did, to follow its name."""
+        return _DESCRIPTIONS[self].sentence
+
+    @property
+    def colour(self) -> str:
+        """Of the outcome in pictures and pages, as #rrggbb."""
+        return _DESCRIPTIONS[self].colour
+
+
+class _Description(NamedTuple):
+    word: str
+    sentence: str
+    colour: str
+
+
+_DESCRIPTIONS = {
+    Outcome.RUNNING: _Description("under way", "still under way", "#737373"),
+    Outcome.REACHED: _Description("reached", "stood at its last goal", "#2ca02c"),
+    Outcome.COLLIDED: _Description("collided", "its body touched an obstacle", "#d62728"),
+    Outcome.FELL: _Description("fell", "fell", "#9467bd"),
+    Outcome.GAVE_UP: _Description("gave up", "stopped, because it found no way to its goal or saw nothing", "#ff7f0e"),
+    Outcome.TIMED_OUT: _Description("timed out", "ran out of time", "#8c564b"),
+    Outcome.MISTAKEN: _Description(
+        "mistaken", "stood where it believed its last goal to be, but had not been at all goals", "#bcbd22"
+    ),
 }
 
 

@@ -21,9 +21,7 @@ from iwalker_jax.geometry import (
     to_world,
     turn,
 )
-from iwalker_jax.planning.istepper import IStepper
-from iwalker_jax.planning.planner import PATH_POINTS
-from iwalker_jax.planning.robot_state import RobotState, StepGeometry
+from iwalker_jax.planning import PATH_POINTS, IStepper, RobotState, StepGeometry
 
 
 @dataclass(frozen=True)
@@ -32,21 +30,25 @@ class PursuitParameters:
 
     Attributes:
         lookahead: [m] along the path to the point that the robot heads for.
-        turn: [rad] largest change of heading in one step.
-        on_the_spot: [rad] angle to the path from which the robot turns on the spot.
-        short: [m] length of path below which there is nowhere to go.
-        facing: [rad] angle to the point to look at below which the robot need not turn.
+        max_turn: [rad] largest change of heading in one step.
+        turn_in_place: [rad] angle to the path from which the robot turns without advancing.
+        min_length: [m] of a path below which there is nowhere to go.
+        face_tolerance: [rad] angle to the point to face below which the robot need not turn.
+        end_radius: [m] about the point that the robot heads for, within which it keeps its heading.
     """
 
     lookahead: float = 0.24
-    turn: float = 0.20
-    on_the_spot: float = 0.7
-    short: float = 0.06
-    facing: float = 0.3
+    max_turn: float = 0.20
+    turn_in_place: float = 0.7
+    min_length: float = 0.06
+    face_tolerance: float = 0.3
+    end_radius: float = 0.05
 
     def __post_init__(self) -> None:
-        if not (self.lookahead > 0 and 0 < self.turn < 1 and 0 < self.on_the_spot < 3 and self.short > 0):
-            raise InputError("PursuitParameters needs positive numbers, turn below 1 rad and on_the_spot below 3 rad.")
+        if not min(self.lookahead, self.min_length, self.face_tolerance, self.end_radius) > 0:
+            raise InputError("PursuitParameters needs positive lookahead, min_length, face_tolerance and end_radius.")
+        if not (0 < self.max_turn < 1 and 0 < self.turn_in_place < 3):
+            raise InputError("PursuitParameters needs max_turn in (0, 1) rad and turn_in_place in (0, 3) rad.")
 
 
 class Stance(NamedTuple):
@@ -81,51 +83,55 @@ class Course(NamedTuple):
 
 
 def pursue(
-    rules: PursuitParameters,
+    parameters: PursuitParameters,
     steps: StepGeometry,
     path: Float[Array, "k 2"],
-    look: Float[Array, "2"],
+    face_point: Float[Array, "2"],
     centre: Float[Array, "2"],
     heading: Float[Array, ""],
 ) -> Course:
     """Pure pursuit of a path with bounded turns, one point a step.
 
     Args:
-        path: (k, 2) [m] world; look: (2,) [m] where to face if the path is short.
-        centre: (2,) [m] middle between the feet's tracks; heading: () [rad].
+        parameters: of the pursuit.
+        steps: advance of a step, and how many to take.
+        path: (k, 2) [m] world.
+        face_point: (2,) [m] world, where to turn to if the path is short.
+        centre: (2,) [m] middle between the feet's tracks.
+        heading: () [rad].
     """
     lengths = arc_length(path)
-    long = lengths[-1] > rules.short
+    long = lengths[-1] > parameters.min_length
 
     def bearing(at: Float[Array, "2"], towards: Float[Array, ""]) -> tuple[Array, Array]:
         """Angle to turn by, and the way left, at a place."""
         nearest = jnp.argmin(jnp.sum((path - at) ** 2, axis=-1))
-        ahead = interpolate_along(lengths, path, (lengths[nearest] + rules.lookahead)[None])[0]
+        ahead = interpolate_along(lengths, path, (lengths[nearest] + parameters.lookahead)[None])[0]
         left_over = lengths[-1] - lengths[nearest]
-        target = jnp.where(long, ahead, look)
+        target = jnp.where(long, ahead, face_point)
         offset = target - at
         # So near its end the path has no direction any more: keep the heading.
-        near = jnp.sum(offset**2) < 0.05**2
+        near = jnp.sum(offset**2) < parameters.end_radius**2
         return jnp.where(near, 0.0, angle_between(jnp.arctan2(offset[1], offset[0]), towards)), left_over
 
     first, _ = bearing(centre, heading)
-    turning = jnp.abs(first) > jnp.where(long, rules.on_the_spot, rules.facing)
+    turning = jnp.abs(first) > jnp.where(long, parameters.turn_in_place, parameters.face_tolerance)
 
     def step(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         at, yaw = carry
         error, left_over = bearing(at, yaw)
         moves = ~turning & long
-        turn = jnp.clip(error, -rules.turn, rules.turn) * (turning | moves)
+        turned = jnp.clip(error, -parameters.max_turn, parameters.max_turn) * (turning | moves)
         advance = jnp.where(moves, jnp.minimum(steps.length, left_over), 0.0)
-        middle = yaw + turn / 2
+        middle = yaw + turned / 2
         at = at + advance * jnp.stack([jnp.cos(middle), jnp.sin(middle)])
-        return (at, yaw + turn), (at, yaw + turn)
+        return (at, yaw + turned), (at, yaw + turned)
 
     _, (centres, headings) = jax.lax.scan(step, (centre, heading), None, length=steps.count)
     return Course(jnp.concatenate([centre[None], centres]), jnp.concatenate([heading[None], headings]), turning)
 
 
-def beside(course: Course, stance_sign: Float[Array, ""], width: float) -> Float[Array, "m 2"]:
+def footsteps_beside(course: Course, stance_sign: Float[Array, ""], width: float) -> Float[Array, "m 2"]:
     """Footsteps [m] beside the centre line, left and right in turn, after a stance foot of the given `side_sign`."""
     yaw = course.headings[1:]
     signs = footstep_signs(stance_sign, len(yaw))[:, None]
@@ -133,24 +139,26 @@ def beside(course: Course, stance_sign: Float[Array, ""], width: float) -> Float
 
 
 def plan_steps(
-    rules: PursuitParameters | None,
+    parameters: PursuitParameters | None,
     istepper: IStepper,
     path: Float[Array, "k 2"],
-    look: Float[Array, "2"],
+    face_point: Float[Array, "2"],
     stance: Stance,
 ) -> FootstepPlan:
     """The next footsteps along a path.
 
     Args:
-        rules: None hands the path to iStepper as it is, as published; feet then point along it.
-        path, look: as in `pursue`.
+        parameters: None hands the path to iStepper as it is, as published; feet then point along it.
+        istepper: the network.
+        path, face_point: as in `pursue`.
+        stance: where the steps start from.
     """
     steps = istepper.geometry
-    pursuit = PursuitParameters() if rules is None else rules
-    course = pursue(pursuit, steps, path, look, _centre(stance, steps.width), stance.yaw)
-    geometric = beside(course, _stance_sign(stance), steps.width)
+    pursuit = PursuitParameters() if parameters is None else parameters
+    course = pursue(pursuit, steps, path, face_point, _centre(stance, steps.width), stance.yaw)
+    geometric = footsteps_beside(course, _stance_sign(stance), steps.width)
     frame = jnp.append(stance.com, stance.yaw)
-    line = resample_by_arc_length(path if rules is None else course.centres, PATH_POINTS)
+    line = resample_by_arc_length(path if parameters is None else course.centres, PATH_POINTS)
     state = RobotState(
         com_from_stance=turn(-stance.yaw, stance.com - stance.foot),
         com_velocity=turn(-stance.yaw, stance.com_velocity),
@@ -160,7 +168,7 @@ def plan_steps(
     learned = istepper(to_base(frame, line)[None], jax.tree.map(lambda leaf: leaf[None], state))[0]
     positions = to_world(frame, learned)
     yaws = course.headings[1:]
-    if rules is not None:
+    if parameters is not None:
         positions = jnp.where(course.turning, geometric, positions)
     return FootstepPlan(positions, yaws, other_side(stance.side), jnp.asarray(steps.count, jnp.int32))
 
@@ -171,7 +179,7 @@ def stop_steps(count: int, width: float, stance: Stance) -> FootstepPlan:
     still = Course(
         jnp.broadcast_to(centre, (count + 1, 2)), jnp.broadcast_to(stance.yaw, (count + 1,)), jnp.asarray(False)
     )
-    footsteps = beside(still, _stance_sign(stance), width)
+    footsteps = footsteps_beside(still, _stance_sign(stance), width)
     return FootstepPlan(footsteps, still.headings[1:], other_side(stance.side), jnp.asarray(2, jnp.int32))
 
 

@@ -1,30 +1,61 @@
 """From one depth image to maps: clean-up, floor, occupancy, distance field, cost-to-go."""
 
-from iwalker_jax.perception.camera import CameraMount, Intrinsics
-from iwalker_jax.perception.cost_to_go import cost_to_go, descend
+from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject, camera_pose
+from iwalker_jax.perception.collision_map import DEFAULT_OBSTACLES, ObstacleParameters
+from iwalker_jax.perception.cost_to_go import UNREACHABLE, CostToGo, cost_to_go, descend
+from iwalker_jax.perception.depth_cleanup import (
+    MAX_RANGE,
+    check_depth_image,
+    clean_depth,
+    depth_from_uint16,
+    resize_depth,
+)
 from iwalker_jax.perception.depth_png import read_depth, write_depth
 from iwalker_jax.perception.distance_field import distance_transform, signed_distance_field
-from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID, GridSpec
-from iwalker_jax.perception.local_map import LocalMap, build_local_map
+from iwalker_jax.perception.floor import FloorFit, FloorParameters, fit_floor
+from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID, GridSpec, halved, pool_2x2, softened
+from iwalker_jax.perception.local_map import LocalMap, build_local_map, free_and_occupied
 from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
+from iwalker_jax.perception.seen_route import ROUTE_GRID, Routes, best_routes
 from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
 
 __all__ = [
     "DEFAULT_GRID",
+    "DEFAULT_OBSTACLES",
+    "MAX_RANGE",
     "PUBLISHED_GRID",
+    "ROUTE_GRID",
+    "UNREACHABLE",
     "CameraMount",
+    "CostToGo",
+    "FloorFit",
+    "FloorParameters",
     "GridSpec",
     "Intrinsics",
     "LocalMap",
+    "ObstacleParameters",
+    "Routes",
     "TraversalParameters",
+    "backproject",
+    "best_routes",
     "build_local_map",
+    "camera_pose",
+    "check_depth_image",
+    "clean_depth",
     "cost_to_go",
+    "depth_from_uint16",
     "descend",
     "distance_transform",
+    "fit_floor",
+    "free_and_occupied",
+    "halved",
+    "pool_2x2",
     "read_depth",
+    "resize_depth",
     "sample_bilinear",
     "sample_smooth",
     "signed_distance_field",
+    "softened",
     "traversal_cost",
     "write_depth",
 ]

@@ -100,9 +100,23 @@ def backproject(
         intrinsics: of this image size.
         mount: [height, pitch, roll, forward, left] as in `CameraMount`.
     """
-    R_base_camera, p_base = camera_pose(mount)
+    R_base_camera, p_base_camera = camera_pose(mount)
+    offsets = offsets_from_camera(depth, intrinsics, R_base_camera)
+    return jnp.stack([offset + place for offset, place in zip(offsets, p_base_camera)], axis=-1)
+
+
+def offsets_from_camera(
+    depth: Float[Array, "height width"], intrinsics: Intrinsics, R_base_camera: Float[Array, "3 3"]
+) -> tuple[Float[Array, "height width"], Float[Array, "height width"], Float[Array, "height width"]]:
+    """(x, y, z) [m] from the camera to the point of each pixel along the base frame's axes, one array an axis.
+
+    Args:
+        depth: z-depth along the optical axis [m]; 0 means no return and gives 0.
+        intrinsics: of this image size.
+        R_base_camera: from the optical frame to the base frame.
+    """
     u = ((jnp.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx).astype(depth.dtype)
     v = ((jnp.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy).astype(depth.dtype)[:, None]
     # Written out axis by axis, XLA fuses it into its consumers; as a matrix product it takes ten times as long.
-    axes = [depth * (row[0] * u + row[1] * v + row[2]) + offset for row, offset in zip(R_base_camera, p_base)]
-    return jnp.stack(axes, axis=-1)
+    x, y, z = (depth * (row[0] * u + row[1] * v + row[2]) for row in R_base_camera)
+    return x, y, z

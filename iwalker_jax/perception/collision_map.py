@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.camera import Intrinsics, camera_pose
+from iwalker_jax.perception.camera import Intrinsics, camera_pose, offsets_from_camera
 from iwalker_jax.perception.depth_cleanup import check_image_size
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID, GridSpec
 
@@ -54,8 +54,13 @@ class ObstacleParameters:
         if self.min_area <= 0.0 or not 1 <= self.min_points <= self.max_points:
             raise InputError("ObstacleParameters needs min_area > 0 and 1 <= min_points <= max_points.")
 
+    def obstacle_height(self, ground_range: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Height [m] above which a point at a horizontal distance [m] is an obstacle."""
+        growth = self.tolerance_slope * jnp.maximum(ground_range - self.tolerance_range, 0.0)
+        return jnp.minimum(self.min_height + growth, self.max_tolerance)
 
-DEFAULT_RULES = ObstacleParameters()
+
+DEFAULT_OBSTACLES = ObstacleParameters()
 """For a robot 0.66 m tall with feet that clear 5 cm."""
 
 
@@ -76,7 +81,7 @@ class PointPlanes(NamedTuple):
 
 
 def point_planes(depth: Float[Array, "height width"], mount: Float[Array, " 5"], intrinsics: Intrinsics) -> PointPlanes:
-    """Points of a cleaned depth image, equal to `camera.backproject`.
+    """Points of a cleaned depth image, those of `camera.backproject`.
 
     Args:
         depth: z-depth [m], 0 = no return (`clean_depth`).
@@ -87,26 +92,23 @@ def point_planes(depth: Float[Array, "height width"], mount: Float[Array, " 5"],
         InputError: if the image has another size.
     """
     check_image_size(depth.shape, intrinsics)
-    R, p = camera_pose(mount.astype(depth.dtype))
-    right = ((jnp.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx).astype(depth.dtype)
-    down = ((jnp.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy).astype(depth.dtype)[:, None]
-    ahead, left, up = (depth * (R[k, 0] * right + R[k, 1] * down + R[k, 2]) for k in range(3))
-    ground_range = jnp.sqrt(ahead**2 + left**2)
-    return PointPlanes(ahead + p[0], left + p[1], up + p[2], ground_range, depth > 0.0)
+    R_base_camera, p_base_camera = camera_pose(mount.astype(depth.dtype))
+    ahead, left, up = offsets_from_camera(depth, intrinsics, R_base_camera)
+    x, y, z = (offset + place for offset, place in zip((ahead, left, up), p_base_camera))
+    return PointPlanes(x, y, z, jnp.sqrt(ahead**2 + left**2), depth > 0.0)
 
 
 def classify_points(
-    points: PointPlanes, rules: ObstacleParameters
+    points: PointPlanes, obstacles: ObstacleParameters
 ) -> tuple[Bool[Array, "height width"], Bool[Array, "height width"], Bool[Array, "height width"]]:
     """(floor, obstacle, drop) masks of points by their height above the floor.
 
     A drop lies clearly below the floor (a hole, a stair down). Points above max_height are none of the three: the robot
     walks under them.
     """
-    growth = rules.tolerance_slope * jnp.maximum(points.ground_range - rules.tolerance_range, 0.0)
-    min_height = jnp.minimum(rules.min_height + growth, rules.max_tolerance)
+    min_height = obstacles.obstacle_height(points.ground_range)
     floor = points.valid & (jnp.abs(points.z) <= min_height)
-    obstacle = points.valid & (points.z > min_height) & (points.z < rules.max_height)
+    obstacle = points.valid & (points.z > min_height) & (points.z < obstacles.max_height)
     drop = points.valid & (points.z < -min_height)
     return floor, obstacle, drop
 
@@ -141,7 +143,7 @@ def occupied_cells(
     camera_xy: Float[Array, " 2"],
     intrinsics: Intrinsics,
     grid: GridSpec,
-    rules: ObstacleParameters,
+    obstacles: ObstacleParameters,
 ) -> Bool[Array, "rows columns"]:
     """Cells that hold enough obstacle points for their distance from the camera.
 
@@ -151,8 +153,8 @@ def occupied_cells(
     """
     ahead, left = cell_offsets(grid, camera_xy)
     squared_range = jnp.maximum(ahead**2 + left**2, 1e-4)
-    expected = intrinsics.fx * intrinsics.fy * rules.min_area / squared_range
-    needed = jnp.clip(expected, rules.min_points, rules.max_points)
+    expected = intrinsics.fx * intrinsics.fy * obstacles.min_area / squared_range
+    needed = jnp.clip(expected, obstacles.min_points, obstacles.max_points)
     return (_sum_3x3(counts) >= needed) & (3 * counts >= needed)
 
 
@@ -161,7 +163,7 @@ def occupancy_map(
     mount: Float[Array, " 5"],
     intrinsics: Intrinsics,
     grid: GridSpec = DEFAULT_GRID,
-    rules: ObstacleParameters = DEFAULT_RULES,
+    obstacles: ObstacleParameters = DEFAULT_OBSTACLES,
 ) -> Bool[Array, "rows columns"]:
     """Occupied cells of one cleaned depth image: points between 0.05 m and 0.75 m above the floor.
 
@@ -170,12 +172,12 @@ def occupancy_map(
         mount: [height, pitch, roll, forward, left] as in `CameraMount`, known or from `fit_floor`.
         intrinsics: of this image size.
         grid: of the map, base frame.
-        rules: obstacle heights and point counts.
+        obstacles: obstacle heights and point counts.
     """
     points = point_planes(depth, mount, intrinsics)
-    _, obstacle, _ = classify_points(points, rules)
+    _, obstacle, _ = classify_points(points, obstacles)
     counts = count_points(flat_cell_index(points, obstacle, grid), grid)
-    return occupied_cells(counts, mount[3:5], intrinsics, grid, rules)
+    return occupied_cells(counts, mount[3:5], intrinsics, grid, obstacles)
 
 
 def published_collision_map(

@@ -49,7 +49,7 @@ class FloorParameters:
             raise InputError("FloorParameters needs max_depth > 0 and min_inliers between 0 and 1.")
 
 
-DEFAULT_FLOOR_RULES = FloorParameters()
+DEFAULT_FLOOR_PARAMETERS = FloorParameters()
 """Any mount on a small or large humanoid, down to a few tenths of floor in the picture."""
 
 
@@ -77,7 +77,7 @@ class FloorFit(NamedTuple):
 
 
 def fit_floor(
-    depth: Float[Array, "height width"], intrinsics: Intrinsics, rules: FloorParameters = DEFAULT_FLOOR_RULES
+    depth: Float[Array, "height width"], intrinsics: Intrinsics, parameters: FloorParameters = DEFAULT_FLOOR_PARAMETERS
 ) -> FloorFit:
     """Floor plane of one cleaned depth image.
 
@@ -90,16 +90,16 @@ def fit_floor(
     Args:
         depth: z-depth [m], 0 = no return (`clean_depth`).
         intrinsics: of this image size.
-        rules: which planes can be the floor.
+        parameters: which planes can be the floor.
 
     Raises:
         InputError: if the image has another size than its intrinsics.
     """
     check_image_size(depth.shape, intrinsics)
-    rays, inverse = _scoring_pixels(depth, intrinsics, rules)
+    rays, inverse = _scoring_pixels(depth, intrinsics, parameters)
     usable = inverse > 0.0
     planes = _proposals(depth, intrinsics)
-    plausible = _is_plausible(planes, rules)
+    plausible = _is_plausible(planes, parameters)
     residual = jnp.where(usable, inverse - planes @ rays, 0.0)
     tolerance = _tolerance(inverse)
     on = jnp.sum(usable & (jnp.abs(residual) < tolerance), axis=-1)
@@ -110,19 +110,19 @@ def fit_floor(
 
     on_floor = usable & (jnp.abs(inverse - plane @ rays) < tolerance)
     fraction = jnp.sum(on_floor) / jnp.maximum(jnp.sum(usable), 1)
-    enough = (fraction >= rules.min_inliers) & (jnp.sum(on_floor) >= 0.02 * inverse.size)
-    valid = enough & _is_plausible(plane, rules)
+    enough = (fraction >= parameters.min_inliers) & (jnp.sum(on_floor) >= 0.02 * inverse.size)
+    valid = enough & _is_plausible(plane, parameters)
     height, pitch, roll = _height_pitch_roll(plane)
     height, pitch, roll, fraction = (jnp.where(valid, x, 0.0) for x in (height, pitch, roll, fraction))
     return FloorFit(height, pitch, roll, fraction, valid)
 
 
 def _scoring_pixels(
-    depth: Float[Array, "height width"], intrinsics: Intrinsics, rules: FloorParameters
+    depth: Float[Array, "height width"], intrinsics: Intrinsics, parameters: FloorParameters
 ) -> tuple[Float[Array, "3 n"], Float[Array, " n"]]:
     """Rays and inverse depths [1/m] of an even subset of pixels; inverse depth 0 where unusable."""
     step = max(1, round(math.sqrt(depth.size / _SCORING_PIXELS)))
-    inverse = _inverse(depth[::step, ::step].ravel(), rules.max_depth)
+    inverse = _inverse(depth[::step, ::step].ravel(), parameters.max_depth)
     rays = intrinsics.rays().astype(depth.dtype)[::step, ::step].reshape(-1, 3).T
     return rays, inverse
 
@@ -170,14 +170,14 @@ def _height_pitch_roll(plane: Float[Array, "*k 3"]) -> tuple[Array, Array, Array
     return 1.0 / norm, jnp.arcsin(sine), jnp.arctan2(plane[..., 0], plane[..., 1])
 
 
-def _is_plausible(plane: Float[Array, "*k 3"], rules: FloorParameters) -> Bool[Array, "*k"]:
+def _is_plausible(plane: Float[Array, "*k 3"], parameters: FloorParameters) -> Bool[Array, "*k"]:
     height, pitch, roll = _height_pitch_roll(plane)
     return (
-        (height >= rules.min_height)
-        & (height <= rules.max_height)
-        & (pitch >= rules.min_pitch)
-        & (pitch <= rules.max_pitch)
-        & (jnp.abs(roll) <= rules.max_roll)
+        (height >= parameters.min_height)
+        & (height <= parameters.max_height)
+        & (pitch >= parameters.min_pitch)
+        & (pitch <= parameters.max_pitch)
+        & (jnp.abs(roll) <= parameters.max_roll)
     )
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.collision_map import (
-    DEFAULT_RULES,
+    DEFAULT_OBSTACLES,
     ObstacleParameters,
     PointPlanes,
     cell_offsets,
@@ -49,7 +49,7 @@ def build_local_map(
     mount: Float[Array, " 5"],
     intrinsics: Intrinsics,
     grid: GridSpec = DEFAULT_GRID,
-    rules: ObstacleParameters = DEFAULT_RULES,
+    obstacles: ObstacleParameters = DEFAULT_OBSTACLES,
 ) -> LocalMap:
     """All maps of one raw depth image; finite and valid for empty, all-zero and all-blocked images too.
 
@@ -58,14 +58,14 @@ def build_local_map(
         mount: [height, pitch, roll, forward, left] as in `CameraMount`, known or from `fit_floor`.
         intrinsics: of this image size.
         grid: of the occupancy and distance maps, base frame.
-        rules: obstacle heights and point counts.
+        obstacles: obstacle heights and point counts.
 
     Raises:
         InputError: if the image has another size than its intrinsics or is not floating-point metres.
     """
     check_image_size(depth.shape, intrinsics)
     depth = clean_depth(depth)
-    occupied, known_free = free_and_occupied(depth, mount, intrinsics, grid, rules)
+    occupied, known_free = free_and_occupied(depth, mount, intrinsics, grid, obstacles)
     return LocalMap(
         occupied=occupied,
         known_free=known_free,
@@ -80,7 +80,7 @@ def free_and_occupied(
     mount: Float[Array, " 5"],
     intrinsics: Intrinsics,
     grid: GridSpec,
-    rules: ObstacleParameters,
+    obstacles: ObstacleParameters,
 ) -> tuple[Bool[Array, "rows columns"], Bool[Array, "rows columns"]]:
     """(occupied, known free) cells of a cleaned depth image.
 
@@ -93,10 +93,10 @@ def free_and_occupied(
 
     Args:
         depth: z-depth [m], 0 = no return (`clean_depth`).
-        mount, intrinsics, grid, rules: as in `build_local_map`.
+        mount, intrinsics, grid, obstacles: as in `build_local_map`.
     """
     points = point_planes(depth, mount, intrinsics)
-    floor, obstacle, drop = classify_points(points, rules)
+    floor, obstacle, drop = classify_points(points, obstacles)
     points = _moved_to_brink(points, drop, mount)
     cell = flat_cell_index(points, floor | obstacle | drop, grid)
     cells = grid.rows * grid.columns
@@ -105,7 +105,7 @@ def free_and_occupied(
     layer = jnp.where(obstacle, 0, jnp.where(drop, cells, 2 * cells))
     index = jnp.where(cell < cells, layer + cell, 3 * cells)
     counts = jnp.zeros(3 * cells, jnp.int32).at[index.ravel()].add(1, mode="drop").reshape(3, *grid.shape)
-    occupied, brink = (occupied_cells(counts[k], mount[3:5], intrinsics, grid, rules) for k in (0, 1))
+    occupied, brink = (occupied_cells(counts[k], mount[3:5], intrinsics, grid, obstacles) for k in (0, 1))
     floor_seen = counts[2] > 0
 
     # Points that made no cell occupied are noise and hide nothing; obstacles beyond the map still end the view.
@@ -148,7 +148,7 @@ def _bearing_bin_count(intrinsics: Intrinsics) -> int:
 
 
 def _bearing_bin(
-    ahead: Float[Array, "*n"], left: Float[Array, "*n"], distance: Float[Array, "*n"], bins: int
+    ahead: Float[Array, "*#n"], left: Float[Array, "*#n"], distance: Float[Array, "*n"], bins: int
 ) -> Int[Array, "*n"]:
     """Bin of a horizontal direction seen from the camera; `bins` (one past the last) for directions behind it.
 

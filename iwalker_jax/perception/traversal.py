@@ -37,10 +37,10 @@ class TraversalParameters:
 
 
 def traversal_cost(
-    clearance: Float[Array, "*shape"], unknown: Float[Array, "*shape"], rules: TraversalParameters
+    clearance: Float[Array, "*shape"], unknown: Float[Array, "*shape"], parameters: TraversalParameters
 ) -> Float[Array, "*shape"]:
     """Cost per metre at a clearance [m] and a degree of being unknown (0 seen .. 1 unseen); differentiable."""
-    tightness = jnp.clip((rules.comfort - clearance) / (rules.comfort - rules.body_radius), 0.0, 1.0)
-    touching = jnp.clip((rules.body_radius - clearance) / rules.contact_ramp + 0.5, 0.0, 1.0)
+    tightness = jnp.clip((parameters.comfort - clearance) / (parameters.comfort - parameters.body_radius), 0.0, 1.0)
+    touching = jnp.clip((parameters.body_radius - clearance) / parameters.contact_ramp + 0.5, 0.0, 1.0)
     smooth = touching * touching * (3.0 - 2.0 * touching)
-    return 1.0 + rules.discomfort * tightness**2 + rules.contact * smooth + rules.unknown * unknown
+    return 1.0 + parameters.discomfort * tightness**2 + parameters.contact * smooth + parameters.unknown * unknown

@@ -29,8 +29,8 @@ def nominal_footsteps(
     return centres + signs * geometry.width / 2 * normals, tangents
 
 
-class Advance(NamedTuple):
-    """Progress of footsteps along a path.
+class PathProgress(NamedTuple):
+    """How far along a path footsteps lie.
 
     Attributes:
         along: (m,) [m] arc length of the path's point closest to each footstep.
@@ -41,7 +41,9 @@ class Advance(NamedTuple):
     total: Float[Array, ""]
 
 
-def closest_on_path(path: Float[Array, "n 2"], footsteps: Float[Array, "m 2"]) -> tuple[Float[Array, " m"], Advance]:
+def closest_on_path(
+    path: Float[Array, "n 2"], footsteps: Float[Array, "m 2"]
+) -> tuple[Float[Array, " m"], PathProgress]:
     """Lateral offset [m] (left positive) and progress of each footstep relative to the path's closest point.
 
     The closest point is found among the path's points and refined along the tangent there, so both values are
@@ -55,4 +57,4 @@ def closest_on_path(path: Float[Array, "n 2"], footsteps: Float[Array, "m 2"]) -
     tangent = tangents[nearest]
     along = lengths[nearest] + jnp.sum(offset * tangent, axis=-1)
     lateral = tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0]
-    return lateral, Advance(along, lengths[-1])
+    return lateral, PathProgress(along, lengths[-1])

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.perception import DEFAULT_OBSTACLES, ObstacleParameters
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,8 @@ class GoalScan:
         bins: number of bearings.
         half_span: [rad] the bins cover +- this angle about the goal's bearing.
         low, high: [m] heights above the floor between which a point is an obstacle.
-        low_slope: [m/m] by which the lower height grows with distance, as range noise and tilt errors do.
+        low_slope: [m/m] by which the lower height grows with distance from the robot, as range noise and tilt errors
+            do, without the bounds that the map's obstacles have.
         nearest: [m] where inverse ranges saturate.
         reach: [m] by which seen extents are scaled.
     """
@@ -26,23 +28,37 @@ class GoalScan:
     half_span: float = 2.1
     low: float = 0.06
     low_slope: float = 0.03
-    high: float = 0.75
+    high: float = DEFAULT_OBSTACLES.max_height
     nearest: float = 0.25
     reach: float = 6.0
 
     def __post_init__(self) -> None:
         if self.bins < 4 or not 0 < self.half_span <= np.pi or not self.low < self.high:
             raise InputError("GoalScan needs at least 4 bins, a half span in (0, pi] rad and low < high [m].")
+        _ = self.obstacles  # which has checks of its own
+
+    @property
+    def obstacles(self) -> ObstacleParameters:
+        """What counts as an obstacle, in the terms of the maps."""
+        return ObstacleParameters(
+            min_height=self.low,
+            max_height=self.high,
+            tolerance_range=0.0,
+            tolerance_slope=self.low_slope,
+            max_tolerance=_UNBOUNDED * self.high,
+        )
 
 
 SCAN_CHANNELS = 3
+_UNBOUNDED = 0.999
+"""Share of the upper height at which the lower one stops to grow, far beyond the depth camera's range."""
 
 
 def goal_scan(
     points: Float[Array, "height width 3"],
     valid: Float[Array, "height width"],
     ahead: Float[Array, " 2"],
-    rules: GoalScan,
+    scan: GoalScan,
 ) -> Float[Array, "bins 3"]:
     """For every bearing: inverse range of the nearest obstacle, extent of what was seen, and whether anything was.
 
@@ -53,25 +69,25 @@ def goal_scan(
         points: [m] base frame.
         valid: 1 where the pixel has a return.
         ahead: unit vector towards the goal, base frame.
-        rules: bins and heights.
+        scan: bins and heights.
     """
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     forward = x * ahead[0] + y * ahead[1]
     left = y * ahead[0] - x * ahead[1]
     distance = jnp.sqrt(forward**2 + left**2 + 1e-6)
     bearing = jnp.arctan2(left, forward)
-    index = jnp.floor((bearing + rules.half_span) * (rules.bins / (2 * rules.half_span))).astype(jnp.int32)
-    within = (valid > 0) & (index >= 0) & (index < rules.bins) & (z < rules.high)
-    obstacle = within & (z > rules.low + rules.low_slope * distance)
+    index = jnp.floor((bearing + scan.half_span) * (scan.bins / (2 * scan.half_span))).astype(jnp.int32)
+    within = (valid > 0) & (index >= 0) & (index < scan.bins) & (z < scan.obstacles.max_height)
+    obstacle = within & (z > scan.obstacles.obstacle_height(distance))
     # Bin number `bins` does not exist: what does not count is dropped there.
     inverse = (
-        jnp.zeros(rules.bins)
-        .at[jnp.where(obstacle, index, rules.bins)]
-        .max(1.0 / jnp.maximum(distance, rules.nearest), mode="drop")
+        jnp.zeros(scan.bins)
+        .at[jnp.where(obstacle, index, scan.bins)]
+        .max(1.0 / jnp.maximum(distance, scan.nearest), mode="drop")
     )
     extent = (
-        jnp.zeros(rules.bins)
-        .at[jnp.where(within, index, rules.bins)]
-        .max(jnp.minimum(distance / rules.reach, 1.0), mode="drop")
+        jnp.zeros(scan.bins)
+        .at[jnp.where(within, index, scan.bins)]
+        .max(jnp.minimum(distance / scan.reach, 1.0), mode="drop")
     )
     return jnp.stack([inverse, extent, (extent > 0).astype(extent.dtype)], axis=-1)

@@ -9,8 +9,7 @@ from flax import nnx
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject
-from iwalker_jax.perception.depth_cleanup import clean_depth
+from iwalker_jax.perception import CameraMount, Intrinsics, backproject
 from iwalker_jax.planning.goal_scan import SCAN_CHANNELS, GoalScan, goal_scan
 from iwalker_jax.planning.residual_network import Conv, Trunk, at_least_two_rows, halve, trunk_size
 
@@ -105,7 +104,7 @@ def evenly_spaced(waypoints: Float[Array, "*batch k 2"]) -> Float[Array, "*batch
 class IPath(nnx.Module):
     """Depth image + goal -> waypoints and fear; see `IPathConfig` for the two sizes."""
 
-    def __init__(self, config: IPathConfig, rngs: nnx.Rngs):
+    def __init__(self, config: IPathConfig, rngs: nnx.Rngs) -> None:
         self.config = config
         head = _PaperHead if config.variant == "paper" else _LightHead
         self.trunk = Trunk(1 if config.variant == "paper" else _LIGHT_CHANNELS, config.trunk_width, rngs)
@@ -120,14 +119,13 @@ class IPath(nnx.Module):
         """Plan for a batch.
 
         Args:
-            depth: z-depth [m]; 0, negative, NaN and inf mean no return. Cleaned here.
+            depth: z-depth [m], 0 = no return (`clean_depth`).
             goal: [m] in the base frame (x forward, y left), any distance.
             mount: camera mounts as in `CameraMount`, from the robot's IMU and kinematics or a floor fit; the
                 configured nominal mount if left out. The paper variant sees depth and goal alone.
         """
         config = self.config
         near_goal = reduced_goal(goal, config.goal_reach)
-        depth = jax.vmap(clean_depth)(depth)
         if config.variant == "paper":
             waypoints, fear = self.head(self.trunk(depth[..., None]), near_goal)
         else:
@@ -159,7 +157,7 @@ def _light_input(
     goal: Float[Array, "batch 2"],
     mount: Float[Array, "batch 5"],
     config: IPathConfig,
-) -> tuple[Float[Array, "batch h w c"], Float[Array, "batch features"]]:
+) -> tuple[Float[Array, "batch half_h half_w c"], Float[Array, "batch features"]]:
     """What the light variant sees in each pixel: inverse depth, and where its point lies relative to the goal; and the
     scan about the goal's direction.
 
@@ -205,7 +203,7 @@ def _goal_axes(goal: Float[Array, "batch 2"]) -> tuple[Float[Array, "batch 2"], 
 class _LightHead(nnx.Module):
     """Reduces the channels, keeps every image position, and adds the goal before two hidden layers."""
 
-    def __init__(self, config: IPathConfig, rngs: nnx.Rngs):
+    def __init__(self, config: IPathConfig, rngs: nnx.Rngs) -> None:
         height, width = trunk_size(config.height // 2), trunk_size(config.width // 2)
         features = height * width * 8 * config.trunk_width
         hidden = config.hidden
@@ -219,13 +217,19 @@ class _LightHead(nnx.Module):
         self.fear = nnx.Linear(hidden, 1, rngs=rngs)
         self.count = config.waypoints
 
-    def __call__(self, x, scan, goal):
-        batch = x.shape[0]
-        image = jax.nn.relu(self.image(x.reshape(batch, -1)))
+    def __call__(
+        self,
+        image: Float[Array, "batch rows columns c"],
+        scan: Float[Array, "batch features"],
+        goal: Float[Array, "batch 2"],
+    ) -> tuple[Float[Array, "batch k 2"], Float[Array, " batch"]]:
+        """Waypoints [m] and fear logit from the trunk's map, the scan about the goal and the reduced goal [m]."""
+        batch = image.shape[0]
+        seen = jax.nn.relu(self.image(image.reshape(batch, -1)))
         around = jax.nn.relu(self.scan2(jax.nn.relu(self.scan1(scan))))
         distance = jnp.sqrt(jnp.sum(goal**2, axis=-1, keepdims=True) + 1e-6)
         embedded = jnp.concatenate([goal, distance, goal / distance, 1.0 / (1.0 + distance)], axis=-1)
-        joint = jnp.concatenate([image, around, jax.nn.relu(self.goal(embedded))], axis=-1)
+        joint = jnp.concatenate([seen, around, jax.nn.relu(self.goal(embedded))], axis=-1)
         joint = jax.nn.relu(self.hidden1(joint))
         joint = joint + jax.nn.relu(self.hidden2(joint))
         # Waypoints are departures from the evenly divided straight line, along it and across it.
@@ -240,7 +244,7 @@ class _LightHead(nnx.Module):
 class _PaperHead(nnx.Module):
     """The published head: goal Linear(3 -> 16) broadcast, two convolutions, 1024 -> 512 -> waypoints x 3."""
 
-    def __init__(self, config: IPathConfig, rngs: nnx.Rngs):
+    def __init__(self, config: IPathConfig, rngs: nnx.Rngs) -> None:
         channels = 8 * config.trunk_width
         height, width = trunk_size(config.height), trunk_size(config.width)
         # The published paddings shrink the map by 4; images too small for that keep it instead.
@@ -256,14 +260,17 @@ class _PaperHead(nnx.Module):
         self.fear2 = nnx.Linear(128, 1, rngs=rngs)
         self.count = config.waypoints
 
-    def __call__(self, x, goal):
-        batch, height, width, _ = x.shape
+    def __call__(
+        self, image: Float[Array, "batch rows columns c"], goal: Float[Array, "batch 2"]
+    ) -> tuple[Float[Array, "batch k 2"], Float[Array, " batch"]]:
+        """Waypoints [m] and fear logit from the trunk's map and the reduced goal [m]."""
+        batch, height, width, _ = image.shape
         flat_goal = jnp.concatenate([goal, jnp.zeros_like(goal[:, :1])], axis=-1)
         embedded = jnp.broadcast_to(self.goal(flat_goal)[:, None, None, :], (batch, height, width, 16))
-        x = jnp.concatenate([x, embedded], axis=-1)
-        x = jax.nn.relu(self.conv1(x))
-        x = jax.nn.relu(self.conv2(x)).reshape(batch, -1)
-        shared = jax.nn.relu(self.dense1(at_least_two_rows(x)))
+        joint = jnp.concatenate([image, embedded], axis=-1)
+        joint = jax.nn.relu(self.conv1(joint))
+        joint = jax.nn.relu(self.conv2(joint)).reshape(batch, -1)
+        shared = jax.nn.relu(self.dense1(at_least_two_rows(joint)))
         waypoints = self.waypoints(jax.nn.relu(self.dense2(shared)))[:batch].reshape(batch, self.count, 3)
         fear = self.fear2(jax.nn.relu(self.fear1(shared)))[:batch, 0]
         return waypoints[..., :2], fear

@@ -35,7 +35,7 @@ class IStepperConfig:
 class IStepper(nnx.Module):
     """Path + robot state -> footsteps, as corrections of the nominal footsteps in the path's own frame."""
 
-    def __init__(self, config: IStepperConfig, geometry: StepGeometry, rngs: nnx.Rngs):
+    def __init__(self, config: IStepperConfig, geometry: StepGeometry, rngs: nnx.Rngs) -> None:
         self.config, self.geometry = config, geometry
         features = 2 * config.path_points + 1 + 5
         self.layer1 = nnx.Linear(features, config.hidden, rngs=rngs)
@@ -51,7 +51,7 @@ class IStepper(nnx.Module):
         """
         return jax.vmap(self._one)(path, state)
 
-    def _one(self, path, state: RobotState):
+    def _one(self, path: Float[Array, "n 2"], state: RobotState) -> Float[Array, "m 2"]:
         footsteps, tangents = nominal_footsteps(path, state.stance_sign, self.geometry)
         hidden = jax.nn.relu(self.layer1(self._features(path, state)))
         hidden = jax.nn.relu(self.layer2(hidden))
@@ -59,7 +59,7 @@ class IStepper(nnx.Module):
         outward = state.stance_sign * jnp.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
         return footsteps + correction[:, :1] * tangents + correction[:, 1:] * outward
 
-    def _features(self, path, state: RobotState):
+    def _features(self, path: Float[Array, "n 2"], state: RobotState) -> Float[Array, " features"]:
         """Path ahead [m] and the state, each scaled to order one; lateral values from the stance foot's view.
 
         Multiplying every lateral quantity by the stance side makes left and right stance one problem: the network is

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from iwalker_jax.optimization import HlipParameters, StepMpcWeights, UnicycleParameters
-from iwalker_jax.perception.traversal import TraversalParameters
+from iwalker_jax.perception import TraversalParameters
 from iwalker_jax.planning.robot_state import StepGeometry
 
 

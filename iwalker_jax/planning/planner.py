@@ -1,23 +1,26 @@
 """The planner: iPath and iStepper chained, depth image to footsteps, as one pure function of its parameters."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
 from flax import nnx
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import hermite_path
-from iwalker_jax.perception.camera import CameraMount
-from iwalker_jax.perception.depth_cleanup import check_depth_image
+from iwalker_jax.perception import CameraMount, check_depth_image, clean_depth
 from iwalker_jax.planning.ipath import IPath, IPathConfig
 from iwalker_jax.planning.istepper import IStepper, IStepperConfig
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry, next_foot, standing_state
 from iwalker_jax.planning.split_module import SplitModule, split_module
+
+Numbers = ArrayLike | Sequence
+"""A JAX or NumPy array, or a list of numbers."""
 
 PATH_POINTS = 100
 """Points of a path, as published: the unicycle's horizon."""
@@ -60,10 +63,10 @@ class Planner(nnx.Module):
 
     def __call__(
         self,
-        depth: npt.ArrayLike,
-        goal: npt.ArrayLike,
+        depth: Numbers,
+        goal: Numbers,
         state: RobotState | None = None,
-        mount: CameraMount | npt.ArrayLike | None = None,
+        mount: CameraMount | Numbers | None = None,
     ) -> Plan:
         """Plan for one depth image, or for a batch of them: `plan = planner(depth, goal)`.
 
@@ -84,13 +87,8 @@ class Planner(nnx.Module):
                 floating-point metres; millimetres and degrees are recognised in a single frame outside `jit`.
         """
         depth, goal = _as_array(depth), _as_array(goal, floating=True)
+        _check_dimensions(depth, (2, 3), self.config.ipath)
         batch = depth.shape[:-2]
-        if len(batch) > 1 or depth.ndim < 2:
-            config = self.config.ipath
-            raise InputError(
-                f"The planner takes depth of shape ({config.height}, {config.width}), or (batch, {config.height}, "
-                f"{config.width}), got {depth.shape}."
-            )
         mount = self.config.ipath.mount if mount is None else mount
         if isinstance(mount, CameraMount):
             mounts = jnp.broadcast_to(mount.as_array(), (*batch, 5))
@@ -104,7 +102,7 @@ class Planner(nnx.Module):
         if batch:
             path, waypoints, fear = self.plan_path(depth, goal, mounts)
             return Plan(path, waypoints, fear, self.istepper(path, state), next_foot(state))
-        _check(depth[None], goal[None], mounts[None], self.config.ipath)
+        _check(depth, goal, mounts, self.config.ipath)
         _check_values(depth, mounts)
         return _plan_frame(split_module(self), depth, goal, state, mounts)
 
@@ -113,14 +111,22 @@ class Planner(nnx.Module):
         depth: Float[Array, "batch h w"],
         goal: Float[Array, "batch 2"],
         mount: Float[Array, "batch 5"] | None = None,
+        cleaned: bool = False,
     ) -> tuple[Float[Array, "batch n 2"], Float[Array, "batch k 2"], Float[Array, " batch"]]:
         """Path [m], waypoints [m] and fear logit of a batch: iPath alone, for the faster of the two loops.
+
+        Args:
+            depth: z-depth [m]; 0, negative, NaN and inf: no return.
+            goal: [m] in the base frame, at any distance.
+            mount: camera mounts as in `CameraMount`; the configured nominal mount if left out.
+            cleaned: the images have been through `clean_depth` already.
 
         Raises:
             InputError: for depth that is not floating-point metres of the configured size, or other batch sizes.
         """
+        _check_dimensions(depth, (3,), self.config.ipath)
         _check(depth, goal, mount, self.config.ipath)
-        waypoints, fear = self.ipath(depth, goal, mount)
+        waypoints, fear = self.ipath(depth if cleaned else jax.vmap(clean_depth)(depth), goal, mount)
         return waypoints_to_path(waypoints), waypoints, fear
 
 
@@ -137,10 +143,17 @@ def _plan_frame(
     return jax.tree.map(lambda leaf: leaf[0], network.merge()(*rows))
 
 
-def _as_array(value: npt.ArrayLike, floating: bool = False) -> Array:
+def _as_array(value: Numbers, floating: bool = False) -> Array:
     """A JAX array of anything that is one; a floating-point one on demand."""
     array = jnp.asarray(value)
     return array.astype(float) if floating and not jnp.issubdtype(array.dtype, jnp.floating) else array
+
+
+def _check_dimensions(depth: Array, allowed: tuple[int, ...], config: IPathConfig) -> None:
+    if depth.ndim not in allowed:
+        shapes = {2: f"({config.height}, {config.width})", 3: f"(batch, {config.height}, {config.width})"}
+        wanted = " or ".join(shapes[count] for count in allowed)
+        raise InputError(f"The planner takes depth of shape {wanted} here, got {depth.shape}.")
 
 
 def _check_state(state: RobotState, batch: tuple[int, ...]) -> None:
@@ -163,15 +176,16 @@ def _check(depth: Array, goal: Array, mount: Array | None, config: IPathConfig) 
             f"The planner takes depth in floating-point metres, got {depth.dtype}; convert raw sensor units with "
             "depth_from_uint16."
         )
-    if depth.ndim != 3 or depth.shape[1:] != (config.height, config.width):
+    *batch, height, width = depth.shape
+    if (height, width) != (config.height, config.width):
         raise InputError(
-            f"The planner takes depth images of {config.height} x {config.width} px, got an array of shape "
-            f"{depth.shape}; resize with resize_depth, and give plan_path a batch axis."
+            f"The planner takes depth images of {config.height} x {config.width} px, got {height} x {width} px; bring "
+            "them to that size with resize_depth."
         )
-    for name, value, size in (("goals", goal, 2), ("mounts", mount, 5)):
-        if value is not None and value.shape != (depth.shape[0], size):
+    for name, value, size in (("goal", goal, 2), ("mount", mount, 5)):
+        if value is not None and value.shape != (*batch, size):
             raise InputError(
-                f"{depth.shape[0]} depth images need {name} of shape ({depth.shape[0]}, {size}), got {value.shape}."
+                f"The {name} for depth of shape {depth.shape} must have shape {(*batch, size)}, got {value.shape}."
             )
 
 

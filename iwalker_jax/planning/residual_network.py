@@ -14,7 +14,7 @@ pixels: with hundreds of channels on a 3 x 5 map its gradients take three times 
 class Conv(nnx.Module):
     """A convolution whose weights are He-initialised; NHWC."""
 
-    def __init__(self, kernel: int, c_in: int, c_out: int, stride: int, pad: int, bias: bool, rngs: nnx.Rngs):
+    def __init__(self, kernel: int, c_in: int, c_out: int, stride: int, pad: int, bias: bool, rngs: nnx.Rngs) -> None:
         scale = float(np.sqrt(2.0 / (kernel * kernel * c_in)))
         self.kernel = nnx.Param(scale * jax.random.normal(rngs.params(), (kernel, kernel, c_in, c_out)))
         self.has_bias = bias
@@ -30,7 +30,7 @@ class Conv(nnx.Module):
 class ResidualBlock(nnx.Module):
     """Two 3x3 convolutions and a shortcut; normalisation in the 1x1 shortcut alone, as published."""
 
-    def __init__(self, c_in: int, c_out: int, stride: int, rngs: nnx.Rngs):
+    def __init__(self, c_in: int, c_out: int, stride: int, rngs: nnx.Rngs) -> None:
         self.first = Conv(3, c_in, c_out, stride, 1, False, rngs)
         self.second = Conv(3, c_out, c_out, 1, 1, False, rngs)
         # Without normalisation the residual branches would double the variance at every block.
@@ -55,7 +55,7 @@ class ResidualBlock(nnx.Module):
 class Trunk(nnx.Module):
     """ResNet-18 layout [2, 2, 2, 2]: 7x7/2 stem, 3x3/2 max-pool, four stages that double the channels."""
 
-    def __init__(self, c_in: int, width: int, rngs: nnx.Rngs):
+    def __init__(self, c_in: int, width: int, rngs: nnx.Rngs) -> None:
         self.stem = Conv(7, c_in, width, 2, 3, False, rngs)
         blocks = []
         channels = width

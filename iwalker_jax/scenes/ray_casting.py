@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from iwalker_jax.perception.camera import Intrinsics, camera_pose
+from iwalker_jax.perception import Intrinsics, camera_pose
 from iwalker_jax.scenes.scene import SceneArrays
 
 _TINY = 1e-12

@@ -8,8 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY
-from iwalker_jax.perception import GridSpec
-from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go
+from iwalker_jax.perception import UNREACHABLE, GridSpec, cost_to_go
 from iwalker_jax.scenes.scene import MAX_EXTENT, SceneArrays, obstacle_distance, occupancy
 
 SCENE_GRID = GridSpec(x_min=0.0, y_min=0.0, resolution=0.1, rows=int(MAX_EXTENT * 10), columns=int(MAX_EXTENT * 10))

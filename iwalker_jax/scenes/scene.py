@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import safe_sqrt
+from iwalker_jax.perception import DEFAULT_OBSTACLES
 
 BOX_CAPACITY = 128
 CYLINDER_CAPACITY = 64
@@ -125,7 +126,10 @@ def stack_scenes(scenes: Sequence[Scene]) -> SceneArrays:
 
 
 def obstacle_distance(
-    scene: SceneArrays, points_xy: Float[Array, "*batch 2"], z_low: float = 0.05, z_high: float = 0.75
+    scene: SceneArrays,
+    points_xy: Float[Array, "*batch 2"],
+    z_low: float = DEFAULT_OBSTACLES.min_height,
+    z_high: float = DEFAULT_OBSTACLES.max_height,
 ) -> Float[Array, "*batch"]:
     """Signed distance [m] in plan view from points to the nearest obstacle that reaches into the body's height band.
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from iwalker_jax.geometry.host import polyline_length
-from iwalker_jax.perception.cost_to_go import UNREACHABLE, descend
+from iwalker_jax.perception import UNREACHABLE, descend
 from iwalker_jax.scenes import Scene, SceneArrays, obstacle_distance
 from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS, SCENE_GRID, cost_at, route_map
 

@@ -8,8 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.geometry import safe_norm
-from iwalker_jax.perception.grid import PUBLISHED_GRID
-from iwalker_jax.perception.map_sampling import sample_bilinear
+from iwalker_jax.perception import PUBLISHED_GRID, sample_bilinear
 from iwalker_jax.training.maps import FrameMaps
 
 

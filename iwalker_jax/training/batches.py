@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from iwalker_jax.data.frame_set import DEPTH_UNIT
 from iwalker_jax.optimization import HlipParameters
-from iwalker_jax.planning.robot_state import RobotState, StepGeometry, sample_robot_state
+from iwalker_jax.planning import RobotState, StepGeometry, sample_robot_state
 from iwalker_jax.training.maps import FrameMaps, TrainingData
 
 

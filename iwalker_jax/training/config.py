@@ -7,9 +7,7 @@ from typing import Literal
 from iwalker_jax.data.sources import DataConfig
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization import GradientMode
-from iwalker_jax.planning.ipath import IPathConfig
-from iwalker_jax.planning.models import PlannerModels
-from iwalker_jax.planning.planner import PlannerConfig
+from iwalker_jax.planning import IPathConfig, PlannerConfig, PlannerModels
 from iwalker_jax.training.losses import LossWeights
 from iwalker_jax.training.ppo import PpoSettings
 

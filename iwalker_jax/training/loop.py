@@ -11,7 +11,7 @@ import optax
 from jax.sharding import Mesh
 
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning import Planner
 from iwalker_jax.runtime.devices import chosen_devices
 from iwalker_jax.runtime.processes import broadcast, device_put, is_first
 from iwalker_jax.training.batches import frame_order

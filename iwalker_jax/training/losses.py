@@ -10,13 +10,15 @@ from jaxtyping import Array, Bool, Float
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import footstep_signs, resample_by_arc_length, safe_norm
 from iwalker_jax.optimization import GradientMode, initial_state_from_reference, solve_step_mpc, solve_unicycle
-from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
-from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
-from iwalker_jax.perception.seen_route import ROUTE_GRID
-from iwalker_jax.perception.traversal import traversal_cost
-from iwalker_jax.planning.footsteps import closest_on_path
-from iwalker_jax.planning.models import PlannerModels
-from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes
+from iwalker_jax.perception import (
+    DEFAULT_GRID,
+    PUBLISHED_GRID,
+    ROUTE_GRID,
+    sample_bilinear,
+    sample_smooth,
+    traversal_cost,
+)
+from iwalker_jax.planning import PlannerModels, RobotState, closest_on_path, pre_impact_planes
 from iwalker_jax.training.maps import FrameMaps
 
 _ROUTE_SOFTNESS = 0.05  # [m] below which the distance to the route counts quadratically

@@ -8,12 +8,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from iwalker_jax.data.frame_set import DEPTH_UNIT, FrameSet
-from iwalker_jax.perception.camera import Intrinsics
-from iwalker_jax.perception.cost_to_go import cost_to_go
-from iwalker_jax.perception.grid import pool_2x2, softened
-from iwalker_jax.perception.local_map import build_local_map
-from iwalker_jax.perception.seen_route import ROUTE_GRID, best_routes
-from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
+from iwalker_jax.perception import (
+    ROUTE_GRID,
+    Intrinsics,
+    TraversalParameters,
+    best_routes,
+    build_local_map,
+    cost_to_go,
+    pool_2x2,
+    softened,
+    traversal_cost,
+)
 
 
 class TrainingData(NamedTuple):

@@ -6,11 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from iwalker_jax.perception.grid import DEFAULT_GRID
-from iwalker_jax.perception.map_sampling import sample_smooth
-from iwalker_jax.planning.ipath import reduced_goal
-from iwalker_jax.planning.planner import Plan, Planner, waypoints_to_path
-from iwalker_jax.planning.robot_state import next_foot
+from iwalker_jax.perception import DEFAULT_GRID, sample_smooth
+from iwalker_jax.planning import Plan, Planner, next_foot, reduced_goal, waypoints_to_path
 from iwalker_jax.training.baselines import heuristic_losses, heuristic_sum
 from iwalker_jax.training.batches import TrainingBatch
 from iwalker_jax.training.config import TrainConfig

@@ -17,8 +17,7 @@ from flax import nnx
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.planning.ipath import reduced_goal
-from iwalker_jax.planning.planner import Planner, PlannerConfig
+from iwalker_jax.planning import Planner, PlannerConfig, reduced_goal
 
 _BLOCKS = (9, 16)  # rows and columns of the image that the critic sees
 _NEAREST = 0.3  # [m] depth below which its inverse saturates

@@ -10,7 +10,7 @@ import numpy as np
 from flax import nnx
 
 from iwalker_jax.errors import CheckpointError
-from iwalker_jax.planning.planner import Planner
+from iwalker_jax.planning import Planner
 from iwalker_jax.runtime.files import write_npz
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.config_dict import config_from_dict, config_to_dict

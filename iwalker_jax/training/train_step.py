@@ -11,8 +11,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.planning.planner import Planner
-from iwalker_jax.planning.split_module import SplitModule, split_module
+from iwalker_jax.planning import Planner, SplitModule, split_module
 from iwalker_jax.training.batches import TrainingBatch, gather_batch
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.maps import TrainingData

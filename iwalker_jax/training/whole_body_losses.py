@@ -27,7 +27,7 @@ from iwalker_jax.control import (
 )
 from iwalker_jax.geometry import Side, other_side
 from iwalker_jax.optimization import pendulum_flow
-from iwalker_jax.planning.robot_state import RobotState
+from iwalker_jax.planning import RobotState
 from iwalker_jax.robot import LEG_COUNT, RobotModel, load_robot, place_robot, rigid_body_terms
 
 SWING_PHASES = (0.25, 0.75)

@@ -1,3 +1,5 @@
+"""The robot's camera in the world and in its base frame. Oracles: C MuJoCo, and the definition of a mount."""
+
 import jax
 import jax.numpy as jnp
 import mujoco

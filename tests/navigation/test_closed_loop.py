@@ -11,7 +11,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.episodes import EpisodeProgram
 from iwalker_jax.navigation.faults import make_faults
 from iwalker_jax.navigation.navigators import make_navigator
-from iwalker_jax.navigation.record import SENTENCES, Outcome
+from iwalker_jax.navigation.record import Outcome
 from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.tasks.task import Task
 from iwalker_jax.training.pretrained import load_planner
@@ -59,7 +59,7 @@ def end(row) -> Outcome:
 
 def test_nobody_touches_anything_or_falls(record):
     for name, row in record.items():
-        assert end(row) not in (Outcome.COLLIDED, Outcome.FELL), f"{name}: {SENTENCES[end(row)]}"
+        assert end(row) not in (Outcome.COLLIDED, Outcome.FELL), f"{name}: {end(row).sentence}"
         assert row.clearance.min() > 0
 
 

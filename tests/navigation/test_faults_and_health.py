@@ -1,3 +1,5 @@
+"""Faults in time, and when a camera counts as failed. Oracles: frames counted by hand, distances to a box by hand."""
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from iwalker_jax.navigation.camera_health import HealthParameters, check_camera,
 from iwalker_jax.navigation.faults import make_faults, obstacles_at, within
 from iwalker_jax.scenes.scene import Scene, obstacle_distance
 
-RULES = HealthParameters()
+PARAMETERS = HealthParameters()
 RNG = np.random.default_rng(0)
 
 
@@ -20,7 +22,7 @@ def watch(frames, speed: float = 0.2):
     health = healthy_camera((6, 8), jnp.float32)
     seen = []
     for frame in frames:
-        health = check_camera(RULES, health, frame, jnp.asarray(speed))
+        health = check_camera(PARAMETERS, health, frame, jnp.asarray(speed))
         seen.append(bool(health.failed))
     return seen
 
@@ -40,9 +42,9 @@ def test_a_frozen_camera_fails_and_stays_so_while_the_robot_stands():
     assert watch([frozen] * 5) == [False, False, False, True, True]
     health = healthy_camera((6, 8), jnp.float32)
     for speed in (0.2, 0.2, 0.2, 0.2, 0.0, 0.0):
-        health = check_camera(RULES, health, frozen, jnp.asarray(speed))
+        health = check_camera(PARAMETERS, health, frozen, jnp.asarray(speed))
     assert bool(health.failed)
-    assert not bool(check_camera(RULES, health, live(), jnp.asarray(0.0)).failed)
+    assert not bool(check_camera(PARAMETERS, health, live(), jnp.asarray(0.0)).failed)
 
 
 def test_a_robot_at_rest_may_see_the_same_image_twice():

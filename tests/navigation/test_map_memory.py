@@ -1,16 +1,24 @@
+"""The remembered map. Oracle: obstacles of known place in the world, seen from a robot that moves."""
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.map_memory import MapMemoryParameters, empty_memory, remember, remembered, window_origin
+from iwalker_jax.navigation.map_memory import (
+    MapMemoryParameters,
+    empty_memory,
+    memory_cells,
+    update_memory,
+    window_origin,
+)
 from iwalker_jax.perception.grid import DEFAULT_GRID
 
-RULES = MapMemoryParameters(cells=80)
+PARAMETERS = MapMemoryParameters(cells=80)
 CENTRES = np.asarray(DEFAULT_GRID.centres())
 NOTHING = jnp.zeros(DEFAULT_GRID.shape, bool)
-update = jax.jit(remember, static_argnums=0)
+update = jax.jit(update_memory, static_argnums=0)
 
 
 def frame(base: np.ndarray, obstacle: np.ndarray, radius: float = 0.2, reach: float = 2.0):
@@ -25,63 +33,63 @@ def frame(base: np.ndarray, obstacle: np.ndarray, radius: float = 0.2, reach: fl
 
 def occupied_points(memory) -> np.ndarray:
     """World positions of the occupied cells."""
-    occupied, _ = remembered(RULES, memory)
-    return (np.asarray(RULES.grid.centres()) + np.asarray(window_origin(RULES, memory)))[np.asarray(occupied)]
+    occupied, _ = memory_cells(PARAMETERS, memory)
+    return (np.asarray(PARAMETERS.grid.centres()) + np.asarray(window_origin(PARAMETERS, memory)))[np.asarray(occupied)]
 
 
 def test_an_obstacle_is_remembered_in_its_place_while_the_robot_walks_past():
     """Oracle: the obstacle's disc in the world, within the two roundings to cells."""
     obstacle = np.array([1.3, 0.35])
-    memory = empty_memory(RULES, jnp.asarray([0.0, 0.0]))
+    memory = empty_memory(PARAMETERS, jnp.asarray([0.0, 0.0]))
     for x in np.arange(0.0, 1.6, 0.06):
         base = np.array([x, 0.0, 0.3 * np.sin(3 * x)])
-        memory = update(RULES, memory, jnp.asarray(base), *frame(base, obstacle))
+        memory = update(PARAMETERS, memory, jnp.asarray(base), *frame(base, obstacle))
     points = occupied_points(memory)
     distance = np.linalg.norm(points - obstacle, axis=1)
-    assert len(points) > 0.7 * np.pi * 0.2**2 / RULES.resolution**2
-    assert distance.max() < 0.2 + 2 * RULES.resolution
+    assert len(points) > 0.7 * np.pi * 0.2**2 / PARAMETERS.resolution**2
+    assert distance.max() < 0.2 + 2 * PARAMETERS.resolution
 
 
 def test_what_is_seen_to_be_free_again_is_forgotten():
     base, obstacle = np.zeros(3), np.array([1.0, 0.0])
-    memory = empty_memory(RULES, jnp.zeros(2))
+    memory = empty_memory(PARAMETERS, jnp.zeros(2))
     for _ in range(30):
-        memory = update(RULES, memory, jnp.asarray(base), *frame(base, obstacle))
+        memory = update(PARAMETERS, memory, jnp.asarray(base), *frame(base, obstacle))
     assert len(occupied_points(memory)) > 0
     gone = np.array([50.0, 50.0])
     for _ in range(8):
-        memory = update(RULES, memory, jnp.asarray(base), *frame(base, gone))
+        memory = update(PARAMETERS, memory, jnp.asarray(base), *frame(base, gone))
     assert len(occupied_points(memory)) == 0
 
 
 def test_unseen_cells_stay_unknown_and_a_single_frame_of_noise_is_not_believed_for_long():
-    memory = update(RULES, empty_memory(RULES, jnp.zeros(2)), jnp.zeros(3), NOTHING, NOTHING)
-    occupied, unknown = remembered(RULES, memory)
+    memory = update(PARAMETERS, empty_memory(PARAMETERS, jnp.zeros(2)), jnp.zeros(3), NOTHING, NOTHING)
+    occupied, unknown = memory_cells(PARAMETERS, memory)
     assert not occupied.any() and unknown.all()
 
 
 def test_the_window_follows_the_robot_by_whole_cells():
     """Oracle: the evidence of a cell keeps its world place exactly, however the window moves."""
     base, obstacle = np.array([0.0, 0.0, 0.4]), np.array([0.9, 0.4])
-    memory = empty_memory(RULES, jnp.zeros(2))
+    memory = empty_memory(PARAMETERS, jnp.zeros(2))
     for _ in range(3):
-        memory = update(RULES, memory, jnp.asarray(base), *frame(base, obstacle))
-    before = {tuple(np.round(p / RULES.resolution, 1)) for p in occupied_points(memory)}
+        memory = update(PARAMETERS, memory, jnp.asarray(base), *frame(base, obstacle))
+    before = {tuple(np.round(p / PARAMETERS.resolution, 1)) for p in occupied_points(memory)}
     for x in np.linspace(0, -0.5, 12):
-        memory = update(RULES, memory, jnp.asarray([x, 0.37 * x, 0.0]), NOTHING, NOTHING)
-    after = {tuple(np.round(p / RULES.resolution, 1)) for p in occupied_points(memory)}
+        memory = update(PARAMETERS, memory, jnp.asarray([x, 0.37 * x, 0.0]), NOTHING, NOTHING)
+    after = {tuple(np.round(p / PARAMETERS.resolution, 1)) for p in occupied_points(memory)}
     assert before and before == after
 
 
 def test_a_robot_that_believes_to_have_jumped_starts_afresh():
     base, obstacle = np.zeros(3), np.array([1.0, 0.0])
-    memory = empty_memory(RULES, jnp.zeros(2))
+    memory = empty_memory(PARAMETERS, jnp.zeros(2))
     for _ in range(3):
-        memory = update(RULES, memory, jnp.asarray(base), *frame(base, obstacle))
-    memory = update(RULES, memory, jnp.asarray([3.0, 0.0, 0.0]), NOTHING, NOTHING)
-    assert not remembered(RULES, memory)[0].any()
+        memory = update(PARAMETERS, memory, jnp.asarray(base), *frame(base, obstacle))
+    memory = update(PARAMETERS, memory, jnp.asarray([3.0, 0.0, 0.0]), NOTHING, NOTHING)
+    assert not memory_cells(PARAMETERS, memory)[0].any()
 
 
-def test_useless_rules_are_refused():
+def test_useless_parameters_are_refused():
     with pytest.raises(InputError, match="even number"):
         MapMemoryParameters(cells=81)

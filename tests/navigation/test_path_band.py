@@ -1,3 +1,5 @@
+"""Paths drawn off obstacles. Oracles: distances to discs and walls in closed form, central differences."""
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +12,8 @@ from iwalker_jax.perception.grid import GridSpec
 
 GRID = GridSpec(-4.0, -4.0, 0.05, 160, 160)
 CENTRES = np.asarray(GRID.centres())
-RULES = BandParameters()
-band = jax.jit(lambda path, esdf: safe_path(RULES, path, esdf, GRID))
+PARAMETERS = BandParameters()
+band = jax.jit(lambda path, esdf: safe_path(PARAMETERS, path, esdf, GRID))
 STRAIGHT = jnp.stack([jnp.linspace(0.0, 3.0, 60), jnp.zeros(60)], axis=1)
 
 
@@ -33,7 +35,7 @@ def test_a_path_that_grazes_an_obstacle_is_drawn_off_it():
     path, cut = band(STRAIGHT, esdf)
     clearance = np.linalg.norm(np.asarray(path) - [1.5, 0.25], axis=1) - 0.2
     assert not cut
-    assert clearance.min() > RULES.least
+    assert clearance.min() > PARAMETERS.min_clearance
     assert np.linalg.norm(STRAIGHT - np.array([1.5, 0.25]), axis=1).min() - 0.2 < 0.06
 
 
@@ -41,7 +43,7 @@ def test_a_path_into_a_wall_ends_before_it():
     """Oracle: the wall's place; no point of the path is nearer than the body needs."""
     esdf = signed_distance_field(jnp.asarray(CENTRES[..., 0] > 2.0), 0.05)
     path, _ = band(STRAIGHT, esdf)
-    assert float(path[:, 0].max()) < 2.0 - RULES.least + 0.03
+    assert float(path[:, 0].max()) < 2.0 - PARAMETERS.min_clearance + 0.03
     assert float(path[-1, 0]) > 1.2
 
 
@@ -70,7 +72,7 @@ def test_gradients_flow_from_map_and_path():
         path = jnp.asarray(path)
 
         def cost(path, esdf):
-            return jnp.sum(safe_path(RULES, path, esdf, GRID)[0] ** 2)
+            return jnp.sum(safe_path(PARAMETERS, path, esdf, GRID)[0] ** 2)
 
         rng = np.random.default_rng(0)
         directions = (jnp.asarray(rng.normal(size=path.shape)), jnp.asarray(rng.normal(size=esdf.shape)))
@@ -88,6 +90,6 @@ def test_gradients_flow_from_map_and_path():
             np.testing.assert_allclose(forward, expected, rtol=1e-5)
 
 
-def test_useless_rules_are_refused():
-    with pytest.raises(InputError, match="least < wanted"):
-        BandParameters(wanted=0.1, least=0.2)
+def test_useless_parameters_are_refused():
+    with pytest.raises(InputError, match="min_clearance < desired_clearance"):
+        BandParameters(desired_clearance=0.1, min_clearance=0.2)

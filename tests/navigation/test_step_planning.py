@@ -1,3 +1,5 @@
+"""From paths to footsteps. Oracles: multiples of the step length and of the largest turn, sides in NumPy."""
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,14 +11,14 @@ from iwalker_jax.navigation.step_planning import PursuitParameters, Stance, plan
 from iwalker_jax.planning.istepper import IStepper, IStepperConfig
 from iwalker_jax.planning.robot_state import StepGeometry
 
-RULES, STEPS = PursuitParameters(), StepGeometry()
-follow = jax.jit(lambda path, look, centre, heading: pursue(RULES, STEPS, path, look, centre, heading))
+PARAMETERS, STEPS = PursuitParameters(), StepGeometry()
+follow = jax.jit(lambda path, face_point, centre, heading: pursue(PARAMETERS, STEPS, path, face_point, centre, heading))
 STRAIGHT = np.stack([np.linspace(0, 3, 60), np.zeros(60)], axis=1)
 NOWHERE = np.zeros((60, 2))
 
 
-def course(path, look=(5.0, 0.0), centre=(0.0, 0.0), heading=0.0):
-    return follow(*(jnp.asarray(value, jnp.float32) for value in (path, look, centre, heading)))
+def course(path, face_point=(5.0, 0.0), centre=(0.0, 0.0), heading=0.0):
+    return follow(*(jnp.asarray(value, jnp.float32) for value in (path, face_point, centre, heading)))
 
 
 def stance(left: bool, yaw: float = 0.0) -> Stance:
@@ -46,7 +48,7 @@ def test_a_path_straight_ahead_is_walked_at_the_nominal_step():
 def test_turns_are_bounded_and_lead_onto_the_path(angle):
     rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     line = course(STRAIGHT @ rotation)
-    assert np.abs(np.diff(line.headings)).max() < RULES.turn + 1e-5
+    assert np.abs(np.diff(line.headings)).max() < PARAMETERS.max_turn + 1e-5
     steps = np.linalg.norm(np.diff(line.centres, axis=0), axis=1)
     np.testing.assert_allclose(steps, STEPS.length, atol=1e-5)
     along = np.asarray(line.centres) @ rotation.T
@@ -58,15 +60,15 @@ def test_a_path_behind_the_robot_is_first_turned_to_on_the_spot():
     line = course(-STRAIGHT + [0.0, 0.01])
     assert line.turning
     np.testing.assert_allclose(line.centres, 0.0, atol=1e-6)
-    assert abs(abs(float(line.headings[5])) - 5 * RULES.turn) < 1e-4
+    assert abs(abs(float(line.headings[5])) - 5 * PARAMETERS.max_turn) < 1e-4
     assert abs(abs(float(line.headings[-1])) - np.pi) < 0.1
 
 
-def test_without_a_path_the_robot_faces_the_point_to_look_at():
-    line = course(NOWHERE, look=(0.0, 2.0))
+def test_without_a_path_the_robot_faces_the_point_to_face():
+    line = course(NOWHERE, face_point=(0.0, 2.0))
     assert line.turning
     assert abs(float(line.headings[-1]) - np.pi / 2) < 0.05
-    still = course(NOWHERE, look=(2.0, 0.1))
+    still = course(NOWHERE, face_point=(2.0, 0.1))
     assert not still.turning
     np.testing.assert_allclose(still.headings, 0.0, atol=1e-6)
 
@@ -82,7 +84,9 @@ def test_the_end_of_a_path_is_not_overrun():
 def test_footsteps_alternate_beside_the_line(istepper, left, yaw):
     """Oracle: sides in NumPy; the swing foot of a left stance is the right one."""
     turned = STRAIGHT @ np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-    plan = plan_steps(RULES, istepper, jnp.asarray(turned, jnp.float32), jnp.asarray([5.0, 0.0]), stance(left, yaw))
+    plan = plan_steps(
+        PARAMETERS, istepper, jnp.asarray(turned, jnp.float32), jnp.asarray([5.0, 0.0]), stance(left, yaw)
+    )
     across = np.asarray(plan.positions) @ [-np.sin(yaw), np.cos(yaw)]
     sides = np.where(np.arange(STEPS.count) % 2 == 0, -1, 1) * (1 if left else -1)
     np.testing.assert_allclose(across, sides * STEPS.width / 2, atol=5e-3)
@@ -97,6 +101,6 @@ def test_stopping_takes_two_steps_on_the_spot():
     np.testing.assert_allclose(plan.positions[1], [0.0, 0.05], atol=1e-6)
 
 
-def test_useless_rules_are_refused():
+def test_useless_parameters_are_refused():
     with pytest.raises(InputError, match="positive"):
         PursuitParameters(lookahead=-1.0)

@@ -20,7 +20,7 @@ from tests.perception.box_scene import render
 INTRINSICS = Intrinsics()
 TILTED = CameraMount(height=0.62, pitch=np.deg2rad(18.9), roll=np.deg2rad(10.4), forward=0.1, left=0.03)
 
-occupancy = jax.jit(occupancy_map, static_argnames=("intrinsics", "grid", "rules"))
+occupancy = jax.jit(occupancy_map, static_argnames=("intrinsics", "grid", "obstacles"))
 
 
 def test_point_planes_equal_backproject():
@@ -121,6 +121,6 @@ def test_mirroring_the_world_mirrors_the_map():
         {"min_points": 9},
     ],
 )
-def test_rules_that_cannot_be_are_refused(bad):
+def test_parameters_that_cannot_be_are_refused(bad):
     with pytest.raises(InputError):
         ObstacleParameters(**bad)

@@ -16,7 +16,7 @@ FURNITURE = [
     (1.0, 1.4, 0.4, 0.9, 0.0, 0.5),
 ]
 
-fit = jax.jit(fit_floor, static_argnames=("intrinsics", "rules"))
+fit = jax.jit(fit_floor, static_argnames=("intrinsics", "parameters"))
 
 
 def _stereo_noise(depth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -99,6 +99,6 @@ def test_real_frames_give_the_known_mount(real_depth_folder):
 
 
 @pytest.mark.parametrize("bad", [{"min_height": 3.0}, {"max_roll": 2.0}, {"min_inliers": 0.0}, {"max_depth": -1.0}])
-def test_rules_that_cannot_be_are_refused(bad):
+def test_parameters_that_cannot_be_are_refused(bad):
     with pytest.raises(InputError):
         FloorParameters(**bad)

@@ -19,7 +19,7 @@ ROOM = [
     (1.5, 1.53, 0.6, 0.63, 0.0, 0.7),
 ]
 
-build = jax.jit(build_local_map, static_argnames=("intrinsics", "grid", "rules"))
+build = jax.jit(build_local_map, static_argnames=("intrinsics", "grid", "obstacles"))
 
 
 def _sight_line_is_blocked(camera: np.ndarray, target: np.ndarray) -> bool:

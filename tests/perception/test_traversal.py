@@ -10,22 +10,25 @@ from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec, halved, pool_2x2
 from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
 from tests.gradients import assert_gradients_agree
 
-RULES = TraversalParameters()
+PARAMETERS = TraversalParameters()
 
 
 def _cost(clearance: float, unknown: float) -> float:
     """The cost per metre, written with branches instead of clips."""
-    cost = 1.0 + RULES.unknown * unknown
-    if clearance < RULES.body_radius:
-        cost += RULES.discomfort
-    elif clearance < RULES.comfort:
-        cost += RULES.discomfort * ((RULES.comfort - clearance) / (RULES.comfort - RULES.body_radius)) ** 2
-    depth = RULES.body_radius + RULES.contact_ramp / 2 - clearance
-    if depth >= RULES.contact_ramp:
-        cost += RULES.contact
+    cost = 1.0 + PARAMETERS.unknown * unknown
+    if clearance < PARAMETERS.body_radius:
+        cost += PARAMETERS.discomfort
+    elif clearance < PARAMETERS.comfort:
+        cost += (
+            PARAMETERS.discomfort
+            * ((PARAMETERS.comfort - clearance) / (PARAMETERS.comfort - PARAMETERS.body_radius)) ** 2
+        )
+    depth = PARAMETERS.body_radius + PARAMETERS.contact_ramp / 2 - clearance
+    if depth >= PARAMETERS.contact_ramp:
+        cost += PARAMETERS.contact
     elif depth > 0:
-        t = depth / RULES.contact_ramp
-        cost += RULES.contact * (3 * t**2 - 2 * t**3)
+        t = depth / PARAMETERS.contact_ramp
+        cost += PARAMETERS.contact * (3 * t**2 - 2 * t**3)
     return cost
 
 
@@ -34,29 +37,31 @@ def test_cost_equals_a_rederivation(x64):
     rng = np.random.default_rng(0)
     clearance, unknown = rng.uniform(-0.3, 1.0, 300), rng.uniform(0.0, 1.0, 300)
     wanted = [_cost(c, u) for c, u in zip(clearance, unknown)]
-    np.testing.assert_allclose(traversal_cost(jnp.asarray(clearance), jnp.asarray(unknown), RULES), wanted, rtol=1e-12)
+    np.testing.assert_allclose(
+        traversal_cost(jnp.asarray(clearance), jnp.asarray(unknown), PARAMETERS), wanted, rtol=1e-12
+    )
 
 
 def test_landmarks_of_the_cost():
-    """Oracle: what the rules' docstring promises in the open, just fitting, in contact and unseen."""
-    clearance = jnp.asarray([5.0, RULES.comfort, RULES.body_radius, -1.0, 5.0])
+    """Oracle: what the parameters' docstring promises in the open, just fitting, in contact and unseen."""
+    clearance = jnp.asarray([5.0, PARAMETERS.comfort, PARAMETERS.body_radius, -1.0, 5.0])
     unknown = jnp.asarray([0.0, 0.0, 0.0, 0.0, 1.0])
-    both = 1.0 + RULES.discomfort
-    wanted = [1.0, 1.0, both + RULES.contact / 2, both + RULES.contact, 1.0 + RULES.unknown]
-    np.testing.assert_allclose(traversal_cost(clearance, unknown, RULES), wanted, rtol=1e-6)
+    both = 1.0 + PARAMETERS.discomfort
+    wanted = [1.0, 1.0, both + PARAMETERS.contact / 2, both + PARAMETERS.contact, 1.0 + PARAMETERS.unknown]
+    np.testing.assert_allclose(traversal_cost(clearance, unknown, PARAMETERS), wanted, rtol=1e-6)
 
 
 def test_less_clearance_never_costs_less():
     """Property: monotone in clearance and in the unknown share, finite even deep inside."""
-    cost = np.asarray(traversal_cost(jnp.linspace(-100.0, 2.0, 2001), jnp.zeros(2001), RULES))
+    cost = np.asarray(traversal_cost(jnp.linspace(-100.0, 2.0, 2001), jnp.zeros(2001), PARAMETERS))
     assert np.isfinite(cost).all() and (np.diff(cost) <= 1e-6).all()
-    assert (np.diff(np.asarray(traversal_cost(jnp.full(50, 0.3), jnp.linspace(0.0, 1.0, 50), RULES))) > 0).all()
+    assert (np.diff(np.asarray(traversal_cost(jnp.full(50, 0.3), jnp.linspace(0.0, 1.0, 50), PARAMETERS))) > 0).all()
 
 
 def test_cost_gradient_equals_finite_differences(x64):
     """Oracle: central differences, away from the contact ramp's ends where the second derivative jumps."""
     clearance = jnp.asarray([-0.2, 0.09, 0.11, 0.15, 0.25, 0.4, 0.6])
-    assert_gradients_agree(lambda c, u: traversal_cost(c, u, RULES), clearance, jnp.linspace(0.1, 0.9, 7))
+    assert_gradients_agree(lambda c, u: traversal_cost(c, u, PARAMETERS), clearance, jnp.linspace(0.1, 0.9, 7))
 
 
 def test_pooling_keeps_a_linear_field_on_the_same_ground():
@@ -93,6 +98,6 @@ def test_softened_equals_scipys_uniform_filter(x64):
 @pytest.mark.parametrize(
     "changes", [{"body_radius": 0.5}, {"body_radius": 0.0}, {"contact_ramp": 0.0}, {"contact": -1.0}, {"unknown": -0.1}]
 )
-def test_impossible_rules_are_refused(changes):
+def test_impossible_parameters_are_refused(changes):
     with pytest.raises(InputError, match=r"TraversalParameters|negative"):
         TraversalParameters(**changes)

@@ -17,10 +17,16 @@ from iwalker_jax.data.recordings.report import FileProblem, RecordingReport
 from iwalker_jax.data.recordings.tum_layout import read_tum_layout
 from iwalker_jax.data.recordings.yaml_layout import read_yaml_layout
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception import CameraMount, Intrinsics
-from iwalker_jax.perception.depth_cleanup import clean_depth, depth_from_uint16, resize_depth
+from iwalker_jax.perception import (
+    CameraMount,
+    FloorFit,
+    Intrinsics,
+    clean_depth,
+    depth_from_uint16,
+    fit_floor,
+    resize_depth,
+)
 from iwalker_jax.perception.depth_png import read_depth_png
-from iwalker_jax.perception.floor import FloorFit, fit_floor
 
 CANONICAL = Intrinsics()
 """The camera that networks see: 160 x 90 px, f 80 px."""

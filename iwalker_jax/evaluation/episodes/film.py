@@ -27,7 +27,7 @@ from iwalker_jax.film import (
     write_frames,
 )
 from iwalker_jax.geometry import host, side_of_step
-from iwalker_jax.navigation.record import SENTENCES, EpisodeRecord, Outcome
+from iwalker_jax.navigation import EpisodeRecord, Outcome
 from iwalker_jax.scenes import Scene
 from iwalker_jax.scenes.mjcf import obstacle_geoms
 from iwalker_jax.tasks import Task
@@ -234,7 +234,7 @@ def _caption(task: Task, episode: EpisodeRecord, i: int, speed: float, pace: int
     outcome, goal = Outcome(int(episode.outcome[i])), min(int(episode.goal[i]) + 1, len(task.goals))
     state = f"walking to goal {goal} of {len(task.goals)}" if len(task.goals) > 1 else "walking to its goal"
     if outcome is not Outcome.RUNNING:
-        state = SENTENCES[outcome]
+        state = outcome.sentence
     elif episode.stopped[i]:
         state = "stopping"
     elif episode.detour[i]:

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from iwalker_jax.evaluation.projection import floor_pixels
 from iwalker_jax.geometry import Side
-from iwalker_jax.navigation.map_memory import MapMemoryParameters
+from iwalker_jax.navigation import MapMemoryParameters
 from iwalker_jax.perception import Intrinsics
 
 Image = UInt8[np.ndarray, "height width 3"]
@@ -82,7 +82,7 @@ def map_panel(
     pose: Float[np.ndarray, " 3"],
     plan: Plan,
     size: tuple[int, int],
-    rules: MapMemoryParameters = MapMemoryParameters(),
+    memory: MapMemoryParameters = MapMemoryParameters(),
 ) -> Image:
     """The robot's map from above, forward up, with path, footsteps and where the goal lies.
 
@@ -92,10 +92,10 @@ def map_panel(
         pose: (x [m], y [m], yaw [rad]) from where the map is seen.
         plan: to draw, in the base frame of that pose.
         size: (width, height) [px] of the panel; it is as wide as the window.
-        rules: of the window.
+        memory: of the window.
     """
     width, height = size
-    side = rules.cells * rules.resolution
+    side = memory.cells * memory.resolution
     scale = width / side
     image = np.full((height, width, 3), _FREE, np.uint8)
 
@@ -106,13 +106,13 @@ def map_panel(
     left = (side / 2 - (np.arange(width) + 0.5) / scale)[None]
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     place = np.stack([pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left])
-    lowest = np.round(middle / rules.resolution).astype(int) - rules.cells // 2
-    cell = np.floor(place / rules.resolution).astype(int) - lowest[:, None, None]
-    inside = ((cell >= 0) & (cell < rules.cells)).all(axis=0)
+    lowest = np.round(middle / memory.resolution).astype(int) - memory.cells // 2
+    cell = np.floor(place / memory.resolution).astype(int) - lowest[:, None, None]
+    inside = ((cell >= 0) & (cell < memory.cells)).all(axis=0)
     origin = pixels(np.zeros((1, 2)))[0]
     for metres in range(1, 6):
         cv2.circle(image, _fixed(origin), round(metres * scale * 2**_FRACTION), _GRID, 1, cv2.LINE_AA, _FRACTION)
-    row, column = np.clip(cell, 0, rules.cells - 1)
+    row, column = np.clip(cell, 0, memory.cells - 1)
     image[inside & occupied[row, column]] = _WALL
     _polyline(image, pixels(plan.path), _RED, 2)
     for place, foot in zip(pixels(plan.footsteps), plan.sides, strict=True):

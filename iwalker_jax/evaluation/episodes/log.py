@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.metrics import EpisodeMetrics
-from iwalker_jax.navigation.record import Outcome
+from iwalker_jax.navigation import Outcome
 
 
 class EpisodeKey(NamedTuple):

@@ -14,31 +14,10 @@ from numpy.typing import ArrayLike
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.geometry import host
-from iwalker_jax.navigation.record import EpisodeRecord, Outcome
+from iwalker_jax.navigation import EpisodeRecord, Outcome
+from iwalker_jax.perception import DEFAULT_OBSTACLES
 from iwalker_jax.scenes import Scene
 from iwalker_jax.tasks import Task
-
-OUTCOME_COLOURS = {
-    Outcome.RUNNING: "0.45",
-    Outcome.REACHED: "tab:green",
-    Outcome.COLLIDED: "tab:red",
-    Outcome.FELL: "tab:purple",
-    Outcome.GAVE_UP: "tab:orange",
-    Outcome.TIMED_OUT: "tab:brown",
-    Outcome.MISTAKEN: "tab:olive",
-}
-OUTCOME_WORDS = {
-    Outcome.RUNNING: "under way",
-    Outcome.REACHED: "reached",
-    Outcome.COLLIDED: "collided",
-    Outcome.FELL: "fell",
-    Outcome.GAVE_UP: "gave up",
-    Outcome.TIMED_OUT: "timed out",
-    Outcome.MISTAKEN: "mistaken",
-}
-
-_BAND = (0.05, 0.75)
-"""[m] heights in which the body meets obstacles."""
 
 _MARGIN = 0.15
 _STANDING = 0.004
@@ -98,11 +77,11 @@ def save_episode_grid(
     for axis, task, episode in zip(axes.flat, tasks, episodes):
         draw_episode(axis, task, episode)
         outcome = Outcome(int(episode.outcome[-1]))
-        axis.set_title(f"{task.name}: {_caption(episode)}", fontsize=8, color=OUTCOME_COLOURS[outcome])
+        axis.set_title(f"{task.name}: {_caption(episode)}", fontsize=8, color=outcome.colour)
         axis.set_xticks([])
         axis.set_yticks([])
     seen = [kind for kind in Outcome if any(int(e.outcome[-1]) == kind for e in episodes)]
-    handles = [Line2D([], [], color=OUTCOME_COLOURS[kind], lw=2.5, label=OUTCOME_WORDS[kind]) for kind in seen]
+    handles = [Line2D([], [], color=kind.colour, lw=2.5, label=kind.word) for kind in seen]
     handles += [
         Line2D([], [], color="tab:cyan", lw=1.3, label="last planned path"),
         Line2D([], [], color="magenta", marker="*", ls="", ms=9, label="goals"),
@@ -130,12 +109,12 @@ def draw_episode(axis: Axes, task: Task, episode: EpisodeRecord, by_time: bool =
         line.set_array(np.asarray(episode.time)[1:])
         line.set_cmap("viridis")
     else:
-        line.set_color(OUTCOME_COLOURS[outcome])
+        line.set_color(outcome.colour)
     axis.add_collection(line)
     x, y, yaw = task.start
     axis.plot(x, y, marker=(3, 0, np.degrees(yaw) - 90.0), color="black", markersize=8, zorder=6)
     if outcome is not Outcome.REACHED:
-        axis.plot(*places[-1], "X", color=OUTCOME_COLOURS[outcome], mec="white", mew=0.8, markersize=9, zorder=8)
+        axis.plot(*places[-1], "X", color=outcome.colour, mec="white", mew=0.8, markersize=9, zorder=8)
     for number, (x, y) in enumerate(task.goals, start=1):
         axis.plot(x, y, "*", color="magenta", mec="white", mew=0.6, markersize=13, zorder=7)
         if len(task.goals) > 1:
@@ -154,7 +133,8 @@ def draw_scene(axis: Axes, scene: Scene) -> None:
     patches = [Polygon(box_corners(row)) for row in boxes] + [Circle((x, y), r) for x, y, _, r, _ in cylinders]
     centre = np.concatenate([boxes[:, 2], cylinders[:, 2]])
     half = np.concatenate([boxes[:, 5], cylinders[:, 4]])
-    in_the_way = (centre - half < _BAND[1]) & (centre + half > _BAND[0])
+    low, high = DEFAULT_OBSTACLES.min_height, DEFAULT_OBSTACLES.max_height
+    in_the_way = (centre - half < high) & (centre + half > low)
     for solid, face, edge, order in ((False, "#e3e1da", "#c9c6bb", 1), (True, "#8b8f98", "#5d616b", 2)):
         chosen = [patch for patch, inside in zip(patches, in_the_way) if inside == solid]
         axis.add_collection(PatchCollection(chosen, facecolor=face, edgecolor=edge, linewidth=0.6, zorder=order))
@@ -186,7 +166,7 @@ def in_true_world(points: ArrayLike, episode: EpisodeRecord, frame: int) -> Floa
 
 
 def _caption(episode: EpisodeRecord) -> str:
-    return f"{OUTCOME_WORDS[Outcome(int(episode.outcome[-1]))]}, {float(episode.time[-1]):.0f} s"
+    return f"{Outcome(int(episode.outcome[-1])).word}, {float(episode.time[-1]):.0f} s"
 
 
 def _extent(scene: Scene) -> tuple[float, float]:

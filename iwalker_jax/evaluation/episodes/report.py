@@ -10,18 +10,8 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.study import Study
 from iwalker_jax.evaluation.episodes.tables import episode_table, failures
 from iwalker_jax.evaluation.tables import Table, markdown_table
-from iwalker_jax.navigation.record import SENTENCES, Outcome
 from iwalker_jax.runtime import write_text
 
-_COLOURS = {
-    Outcome.REACHED: "#3f9b57",
-    Outcome.COLLIDED: "#cf4440",
-    Outcome.FELL: "#8a63b8",
-    Outcome.GAVE_UP: "#e3913a",
-    Outcome.TIMED_OUT: "#93705a",
-    Outcome.MISTAKEN: "#a3a13a",
-    Outcome.RUNNING: "#9a9a9a",
-}
 _STYLE = """
 :root { color-scheme: light; --ink: #22242a; --soft: #6b6f78; --line: #e2e1dc; --back: #fbfbf9; --accent: #1f6fb2; }
 * { box-sizing: border-box; }
@@ -165,21 +155,20 @@ def _legend(lines: str) -> str:
 def _ending_cells(study: Study) -> list[list[str]]:
     counts = failures(study.groups)
     kinds = list(next(iter(counts.values())))
-    lines = [["policy", "scenes", *(SENTENCES[kind] for kind in kinds)]]
+    lines = [["policy", "scenes", *(kind.sentence for kind in kinds)]]
     return lines + [[*key, *(str(count[kind]) for kind in kinds)] for key, count in counts.items()]
 
 
 def _endings(study: Study) -> str:
     counts = failures(study.groups)
     kinds = list(next(iter(counts.values())))
-    keys = "".join(f'<span class="key" style="background:{_COLOURS[k]}"></span>{_text(SENTENCES[k])}' for k in kinds)
+    keys = "".join(f'<span class="key" style="background:{k.colour}"></span>{_text(k.sentence)}' for k in kinds)
     rows = ["<tr><th class=label>policy</th><th class=label>scenes</th><th class=label></th>"]
-    rows += [f"<th>{_text(kind.name.lower().replace('_', ' '))}</th>" for kind in kinds] + ["</tr>"]
+    rows += [f"<th>{_text(kind.word)}</th>" for kind in kinds] + ["</tr>"]
     for (policy, scenes), count in counts.items():
         total = sum(count.values())
         bar = "".join(
-            f'<span style="width:{100 * n / total:.2f}%;background:{_COLOURS[kind]}"></span>'
-            for kind, n in count.items()
+            f'<span style="width:{100 * n / total:.2f}%;background:{kind.colour}"></span>' for kind, n in count.items()
         )
         rows.append(f"<tr><td class=label>{_text(policy)}</td><td class=label>{_text(scenes)}</td>")
         rows.append(f'<td class=label><div class="bar">{bar}</div></td>')

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.log import EpisodeKey
-from iwalker_jax.navigation.navigators import POLICIES
+from iwalker_jax.navigation import POLICIES
 from iwalker_jax.streams import STUDY_TASKS, mixed_seed
 from iwalker_jax.tasks import TASK_NAMES, Task, generated_tasks, named_task
 

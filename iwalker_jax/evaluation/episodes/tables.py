@@ -4,7 +4,12 @@ from collections.abc import Mapping, Sequence
 
 from iwalker_jax.evaluation.episodes.metrics import ARRIVAL, SLACK, EpisodeMetrics
 from iwalker_jax.evaluation.tables import Column, Table
-from iwalker_jax.navigation.record import Outcome
+from iwalker_jax.navigation import Outcome
+
+
+def _rate_title(outcome: Outcome) -> str:
+    return f"{outcome.word} %"
+
 
 EPISODE_COLUMNS = (
     Column(
@@ -14,11 +19,16 @@ EPISODE_COLUMNS = (
         0,
         rate=True,
     ),
-    Column("mistaken %", "it stood where it believed the last goal to be, but was farther from a goal", 0, rate=True),
-    Column("collided %", "the body's volume touched an obstacle", 0, rate=True),
-    Column("fell %", "the robot fell", 0, rate=True),
-    Column("gave up %", "it stopped because it found no way", 0, rate=True),
-    Column("timed out %", "it was still on its way at the time limit", 0, rate=True),
+    Column(
+        _rate_title(Outcome.MISTAKEN),
+        "it stood where it believed the last goal to be, but was farther from a goal",
+        0,
+        rate=True,
+    ),
+    Column(_rate_title(Outcome.COLLIDED), "the body's volume touched an obstacle", 0, rate=True),
+    Column(_rate_title(Outcome.FELL), "the robot fell", 0, rate=True),
+    Column(_rate_title(Outcome.GAVE_UP), "it stopped because it found no way", 0, rate=True),
+    Column(_rate_title(Outcome.TIMED_OUT), "it was still on its way at the time limit", 0, rate=True),
     Column("goals %", "goals truly reached of those asked for", 0),
     Column("end cm", "from the true base to the last goal where the robot believed to stand at it", 1),
     Column(
@@ -36,19 +46,20 @@ EPISODE_COLUMNS = (
     Column("QP failed %", "ticks whose whole-body QP did not converge", 2),
     Column("shaking cm", "from each new path, 0.5 m ahead, to the one before", 1),
 )
-_RATES = (
-    ("mistaken %", (Outcome.MISTAKEN,)),
-    ("collided %", (Outcome.COLLIDED,)),
-    ("fell %", (Outcome.FELL,)),
-    ("gave up %", (Outcome.GAVE_UP,)),
-    ("timed out %", (Outcome.TIMED_OUT, Outcome.RUNNING)),
+_FAILURES = (
+    (Outcome.MISTAKEN,),
+    (Outcome.COLLIDED,),
+    (Outcome.FELL,),
+    (Outcome.GAVE_UP,),
+    (Outcome.TIMED_OUT, Outcome.RUNNING),
 )
+"""Outcomes that share a column, named after the first."""
 _STOOD = (Outcome.REACHED, Outcome.MISTAKEN)
 
 
 def episode_values(metrics: EpisodeMetrics) -> dict[str, float]:
     """Figures of one episode by column title; NaN where a column does not apply."""
-    rates = {title: 100.0 * (metrics.outcome in outcomes) for title, outcomes in _RATES}
+    rates = {_rate_title(kinds[0]): 100.0 * (metrics.outcome in kinds) for kinds in _FAILURES}
     return {
         "success %": 100.0 * metrics.success,
         **rates,
