@@ -20,9 +20,7 @@ from experiments.shared.console import exit_with, progress_bar, require_at_least
 from experiments.shared.planners import planner_of
 from iwalker_jax.data import FrameSet, concatenate, frames_from_episodes, load_frames, save_frames
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.navigation.episodes import EpisodeProgram
-from iwalker_jax.navigation.navigators import POLICIES, make_navigator
-from iwalker_jax.navigation.record import Outcome
+from iwalker_jax.navigation import POLICIES, EpisodeProgram, Outcome, make_navigator
 from iwalker_jax.runtime import write_json
 from iwalker_jax.streams import COLLECTION_TASKS
 from iwalker_jax.tasks import training_task

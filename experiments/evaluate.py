@@ -45,8 +45,7 @@ from iwalker_jax.evaluation.episodes import (
     write_report,
 )
 from iwalker_jax.evaluation.frames import FrameSequence, evaluate_all, standard_sequences
-from iwalker_jax.navigation.episodes import EpisodeProgram
-from iwalker_jax.navigation.navigators import make_navigator
+from iwalker_jax.navigation import EpisodeProgram, make_navigator
 from iwalker_jax.planning import Planner
 from iwalker_jax.runtime import ProcessGroup, barrier, exit_process, is_first, machine
 from iwalker_jax.scenes import SEQUENCE_NAMES

@@ -23,8 +23,7 @@ from rich.table import Table
 from experiments.shared.console import console, exit_with, say
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation import pyplot, save_figure
-from iwalker_jax.perception import CameraMount, Intrinsics
-from iwalker_jax.perception.depth_cleanup import depth_from_uint16
+from iwalker_jax.perception import CameraMount, Intrinsics, depth_from_uint16
 from iwalker_jax.scenes import (
     DepthNoise,
     add_depth_noise,

@@ -29,7 +29,7 @@ from experiments.shared.console import (
 from iwalker_jax.data.sources import load_training_frames
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.frames import FrameSequence, evaluate_all, standard_sequences
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime.files import write_json
 from iwalker_jax.runtime.processes import ProcessGroup, barrier, exit_process, is_first
 from iwalker_jax.training.checkpoints import load_run

@@ -29,10 +29,8 @@ from iwalker_jax.evaluation.episodes import (
     row_of,
     shortest_route,
 )
-from iwalker_jax.navigation.episodes import EpisodeProgram
-from iwalker_jax.navigation.navigators import POLICIES, make_navigator
-from iwalker_jax.planning.planner import Planner
-from iwalker_jax.planning.split_module import SplitModule, split_module
+from iwalker_jax.navigation import POLICIES, EpisodeProgram, make_navigator
+from iwalker_jax.planning import Planner, SplitModule, split_module
 from iwalker_jax.tasks.generated import generated_tasks
 from iwalker_jax.tasks.task import Task
 from iwalker_jax.training.batches import TrainingBatch, gather_batch

@@ -6,10 +6,7 @@ from typing import NamedTuple
 
 from iwalker_jax.api.planner import load_with_config
 from iwalker_jax.evaluation.episodes import EpisodeMetrics, episode_metrics, judged, row_of
-from iwalker_jax.navigation.episodes import EpisodeProgram
-from iwalker_jax.navigation.faults import Faults
-from iwalker_jax.navigation.navigators import make_navigator
-from iwalker_jax.navigation.record import EpisodeRecord, Outcome
+from iwalker_jax.navigation import EpisodeProgram, EpisodeRecord, Faults, Outcome, make_navigator
 from iwalker_jax.tasks.named import named_task
 from iwalker_jax.tasks.task import Task
 from iwalker_jax.walking import Disturbances, Sensors

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from iwalker_jax.evaluation.projection import floor_pixels
 from iwalker_jax.geometry import Side
-from iwalker_jax.navigation.map_memory import MapMemoryParameters
+from iwalker_jax.navigation import MapMemoryParameters
 from iwalker_jax.perception import Intrinsics
 
 Image = UInt8[np.ndarray, "height width 3"]

@@ -15,9 +15,8 @@ from iwalker_jax.constants import TIME_STEP
 from iwalker_jax.errors import InputError
 from iwalker_jax.film import smooth_track
 from iwalker_jax.geometry import host
-from iwalker_jax.navigation.closed_loop import LoopParameters
-from iwalker_jax.navigation.record import EpisodeRecord, Outcome
-from iwalker_jax.perception.cost_to_go import UNREACHABLE
+from iwalker_jax.navigation import EpisodeRecord, LoopParameters, Outcome
+from iwalker_jax.perception import UNREACHABLE
 from iwalker_jax.scenes import SceneArrays
 from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS, RouteParameters, cost_at, shortest_distance
 from iwalker_jax.tasks import GOAL_CAPACITY, Task

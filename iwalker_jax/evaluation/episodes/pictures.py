@@ -133,7 +133,8 @@ def draw_scene(axis: Axes, scene: Scene) -> None:
     patches = [Polygon(box_corners(row)) for row in boxes] + [Circle((x, y), r) for x, y, _, r, _ in cylinders]
     centre = np.concatenate([boxes[:, 2], cylinders[:, 2]])
     half = np.concatenate([boxes[:, 5], cylinders[:, 4]])
-    in_the_way = (centre - half < DEFAULT_OBSTACLES.max_height) & (centre + half > DEFAULT_OBSTACLES.min_height)
+    low, high = DEFAULT_OBSTACLES.min_height, DEFAULT_OBSTACLES.max_height
+    in_the_way = (centre - half < high) & (centre + half > low)
     for solid, face, edge, order in ((False, "#e3e1da", "#c9c6bb", 1), (True, "#8b8f98", "#5d616b", 2)):
         chosen = [patch for patch, inside in zip(patches, in_the_way) if inside == solid]
         axis.add_collection(PatchCollection(chosen, facecolor=face, edgecolor=edge, linewidth=0.6, zorder=order))

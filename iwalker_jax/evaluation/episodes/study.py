@@ -25,7 +25,7 @@ from iwalker_jax.evaluation.episodes.schedule import (
 )
 from iwalker_jax.evaluation.episodes.tables import episode_table
 from iwalker_jax.evaluation.episodes.traces import draw_sheets, has_traces, save_traces, traces_file
-from iwalker_jax.navigation.record import EpisodeRecord
+from iwalker_jax.navigation import EpisodeRecord
 from iwalker_jax.runtime import barrier, is_first
 from iwalker_jax.tasks import Task
 

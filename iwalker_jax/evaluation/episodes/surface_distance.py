@@ -10,7 +10,7 @@ import trimesh
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from iwalker_jax.navigation.body_volume import BodyVolume
+from iwalker_jax.navigation import BodyVolume
 from iwalker_jax.scenes import MAX_EXTENT
 from iwalker_jax.scenes.imported.mesh_distance import mesh_clearance
 from iwalker_jax.scenes.imported.mesh_solids import read_mesh

@@ -10,7 +10,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.metrics import judged, row_of
 from iwalker_jax.evaluation.episodes.pictures import save_episode_grid
 from iwalker_jax.evaluation.episodes.schedule import EpisodeBatch, StudySettings
-from iwalker_jax.navigation.record import EpisodeRecord, Outcome
+from iwalker_jax.navigation import EpisodeRecord, Outcome
 from iwalker_jax.runtime import write_npz
 from iwalker_jax.tasks import Task
 

@@ -7,10 +7,8 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.geometry import arc_length, resample_by_arc_length, safe_norm, to_world
 from iwalker_jax.optimization import initial_state_from_reference, solve_step_mpc, solve_unicycle
-from iwalker_jax.perception import PUBLISHED_GRID, sample_bilinear
-from iwalker_jax.perception.cost_to_go import UNREACHABLE
-from iwalker_jax.planning import PlannerModels
-from iwalker_jax.planning.robot_state import RobotState, pre_impact_planes
+from iwalker_jax.perception import PUBLISHED_GRID, UNREACHABLE, sample_bilinear
+from iwalker_jax.planning import PlannerModels, RobotState, pre_impact_planes
 from iwalker_jax.scenes import RouteMap, SceneArrays, cost_at, obstacle_distance, straight_line_clearance
 
 GOAL_TOLERANCE = 0.3

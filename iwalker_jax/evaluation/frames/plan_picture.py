@@ -16,8 +16,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure, show_on_ground
 from iwalker_jax.evaluation.projection import floor_pixels
 from iwalker_jax.geometry import Side, path_tangents, side_of_step
-from iwalker_jax.perception import DEFAULT_GRID, LocalMap, build_local_map
-from iwalker_jax.perception.camera import CameraMount, Intrinsics, camera_pose
+from iwalker_jax.perception import DEFAULT_GRID, CameraMount, Intrinsics, LocalMap, build_local_map, camera_pose
 from iwalker_jax.perception.depth_cleanup import check_depth_image, check_image_size
 from iwalker_jax.planning import Plan
 

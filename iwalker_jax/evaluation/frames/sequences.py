@@ -22,9 +22,7 @@ from iwalker_jax.evaluation.frames.metrics import (
 )
 from iwalker_jax.geometry import to_world
 from iwalker_jax.perception import Intrinsics, LocalMap, build_local_map
-from iwalker_jax.planning import Plan, Planner, PlannerModels
-from iwalker_jax.planning.robot_state import sample_robot_state
-from iwalker_jax.planning.split_module import SplitModule, split_module
+from iwalker_jax.planning import Plan, Planner, PlannerModels, SplitModule, sample_robot_state, split_module
 from iwalker_jax.scenes import SEQUENCE_NAMES, Scene, SceneArrays, held_out_scene, held_out_sequence, shortest_distance
 from iwalker_jax.streams import SEQUENCE_PATHS, UNSEEN_LAYOUTS, UNSEEN_PATHS
 
