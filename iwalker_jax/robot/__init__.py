@@ -1,7 +1,7 @@
 """The robot on MJX: a checked model, its rigid-body terms, one step of its physics, its leg kinematics."""
 
 from iwalker_jax.robot.contact.solver import (
-    ContactSolver,
+    ContactSettings,
 )
 from iwalker_jax.robot.dynamics import (
     SmoothStages,
@@ -61,7 +61,7 @@ __all__ = [
     "LEG_JOINTS",
     "LEG_POSITIONS",
     "LEG_VELOCITIES",
-    "ContactSolver",
+    "ContactSettings",
     "FootMotion",
     "LegKinematics",
     "PhysicsInfo",

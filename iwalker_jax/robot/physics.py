@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.robot.contact.constraints import contact_problem, find_contacts, pyramid_edges
-from iwalker_jax.robot.contact.solver import ContactSolver, row_forces, solve_contact
+from iwalker_jax.robot.contact.solver import ContactSettings, row_forces, solve_contact
 from iwalker_jax.robot.dynamics import SmoothStages, point_velocity, smooth_stages
 from iwalker_jax.robot.engine import mjx
 from iwalker_jax.robot.limbs import solve_symmetric
@@ -70,7 +70,7 @@ def physics_step(
     state: PhysicsState,
     torques: Float[Array, " nu"],
     external_force: Float[Array, "6"] | None = None,
-    solver: ContactSolver = ContactSolver(),
+    solver: ContactSettings = ContactSettings(),
 ) -> tuple[PhysicsState, PhysicsInfo]:
     """Advance by one time step; see `complete_step`."""
     data = smooth_stages(robot, state.qpos, state.qvel)
@@ -83,7 +83,7 @@ def complete_step(
     data: SmoothStages,
     torques: Float[Array, " nu"],
     external_force: Float[Array, "6"] | None = None,
-    solver: ContactSolver = ContactSolver(),
+    solver: ContactSettings = ContactSettings(),
 ) -> tuple[PhysicsState, PhysicsInfo]:
     """Advance by one time step from smooth stages already done.
 

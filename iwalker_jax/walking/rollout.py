@@ -37,7 +37,7 @@ from iwalker_jax.optimization import Status
 from iwalker_jax.robot import (
     ARM_POSITIONS,
     ARM_VELOCITIES,
-    ContactSolver,
+    ContactSettings,
     LegKinematics,
     PhysicsState,
     RigidBodyTerms,
@@ -74,13 +74,13 @@ class Walker:
     legs: LegKinematics
     noise: SensorNoise | None = field(metadata={"static": True}, default=None)
     estimator: EstimatorParameters = EstimatorParameters()
-    contacts: ContactSolver = field(metadata={"static": True}, default=ContactSolver())
+    contacts: ContactSettings = field(metadata={"static": True}, default=ContactSettings())
     fall_tilt: float = field(metadata={"static": True}, default=0.785)
     fall_height: float = field(metadata={"static": True}, default=0.5)
 
 
 class Conditions(NamedTuple):
-    """What one simulated robot meets; the controller knows none of it.
+    """What is particular to one simulated robot and its world; the controller is told none of it.
 
     Attributes:
         friction: () coefficient of all contacts.

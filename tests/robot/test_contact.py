@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from iwalker_jax.robot.contact.solver import ContactProblem, ContactSolver, limit_forces, row_forces, solve_contact
+from iwalker_jax.robot.contact.solver import ContactProblem, ContactSettings, limit_forces, row_forces, solve_contact
 from iwalker_jax.robot.limbs import Limbs
 from tests.gradients import assert_gradients_agree
 
 LIMBS = Limbs(starts=(6, 10, 12), sizes=(4, 2, 5), contacts=(2, 0, 2))
 SIZE, ROWS = 17, 12
 
-solve = jax.jit(lambda problem, start: solve_contact(LIMBS, ContactSolver(), problem, start))
+solve = jax.jit(lambda problem, start: solve_contact(LIMBS, ContactSettings(), problem, start))
 
 
 def random_problem(rng: np.random.Generator) -> ContactProblem:
@@ -101,7 +101,7 @@ def test_a_batch_equals_a_loop_and_nan_stays_alone(problems):
     batch = jax.tree.map(lambda *x: jnp.stack(x), *problems)
     alone = [solve(problem, jnp.zeros(SIZE)) for problem in problems]
     starts = jnp.zeros((len(problems), SIZE))
-    together = jax.jit(jax.vmap(lambda p, s: solve_contact(LIMBS, ContactSolver(), p, s)))
+    together = jax.jit(jax.vmap(lambda p, s: solve_contact(LIMBS, ContactSettings(), p, s)))
     clean = together(batch, starts)
     np.testing.assert_allclose(clean.acceleration, jnp.stack([s.acceleration for s in alone]), rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(clean.iterations, jnp.stack([s.iterations for s in alone]))
@@ -115,7 +115,7 @@ def test_a_batch_equals_a_loop_and_nan_stays_alone(problems):
 
 
 def test_the_iteration_limit_shows_in_the_residual(problems):
-    short = jax.jit(lambda p: solve_contact(LIMBS, ContactSolver(max_iterations=1), p, jnp.zeros(SIZE)))
+    short = jax.jit(lambda p: solve_contact(LIMBS, ContactSettings(max_iterations=1), p, jnp.zeros(SIZE)))
     solutions = [short(problem) for problem in problems]
     assert all(s.iterations == 1 for s in solutions)
     assert any(s.residual > 1e-6 for s in solutions)

@@ -50,11 +50,11 @@ def _limit_rows(robot: RobotModel, data: SmoothStages) -> tuple[Array, Array, Ar
     above, below = position - model.jnt_range[joints, 0], model.jnt_range[joints, 1] - position
     signs = jnp.where(above < below, 1.0, -1.0).astype(position.dtype)
     distance = jnp.minimum(above, below) - model.jnt_margin[joints]
-    met = (distance < 0) & jnp.asarray(model.jnt_limited[joints], bool)
+    violated = (distance < 0) & jnp.asarray(model.jnt_limited[joints], bool)
     stiffness, spring, damper = _regularise(
         robot, distance, model.dof_invweight0[6:], model.jnt_solref[joints], model.jnt_solimp[joints]
     )
-    return signs, jnp.where(met, stiffness, 0), -damper * signs * velocity - spring * distance
+    return signs, jnp.where(violated, stiffness, 0), -damper * signs * velocity - spring * distance
 
 
 def _contact_rows(robot: RobotModel, data: SmoothStages, contact: mjx.Contact) -> tuple[Array, Array, Array]:

@@ -21,7 +21,7 @@ from iwalker_jax.robot.limbs import Limbs, solve_symmetric
 
 
 @dataclass(frozen=True)
-class ContactSolver:
+class ContactSettings:
     """Settings of the contact solver.
 
     Attributes:
@@ -72,7 +72,7 @@ class ContactSolution(NamedTuple):
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def solve_contact(
-    limbs: Limbs, settings: ContactSolver, problem: ContactProblem, start: Float[Array, " n"]
+    limbs: Limbs, settings: ContactSettings, problem: ContactProblem, start: Float[Array, " n"]
 ) -> ContactSolution:
     """Solve from a first guess of the acceleration; differentiable in the problem in both modes.
 
@@ -83,7 +83,7 @@ def solve_contact(
 
 @solve_contact.defjvp
 def _solve_contact_jvp(
-    limbs: Limbs, settings: ContactSolver, primals: tuple, tangents: tuple
+    limbs: Limbs, settings: ContactSettings, primals: tuple, tangents: tuple
 ) -> tuple[ContactSolution, ContactSolution]:
     problem, start = primals
     solution = solve_contact(limbs, settings, problem, start)
