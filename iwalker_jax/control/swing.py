@@ -17,7 +17,10 @@ class TrajectoryPoint(NamedTuple):
 
 
 def advance_towards(
-    motion: TrajectoryPoint, target: Float[Array, "*n"], remaining: Float[Array, ""], time_step: float
+    motion: TrajectoryPoint,
+    target: Float[Array, "*n"],
+    remaining: Float[Array, ""],
+    time_step: float | Float[Array, ""],
 ) -> TrajectoryPoint:
     """One tick along the quintic that reaches `target` at rest after `remaining` [s].
 

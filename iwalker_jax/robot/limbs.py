@@ -127,6 +127,6 @@ def _eliminate(work: Float[Array, "n m *b"], size: int) -> Float[Array, "n m *b"
     return jax.lax.fori_loop(0, size, step, work)
 
 
-def pad(array: Float[Array, " n *b"], missing: int, axes: int) -> Float[Array, " m *b"]:
+def pad(array: Float[Array, "..."], missing: int, axes: int) -> Float[Array, "..."]:
     """Zeros after the end of the first `axes` axes."""
     return jnp.pad(array, [(0, missing)] * axes + [(0, 0)] * (array.ndim - axes)) if missing else array

@@ -237,7 +237,7 @@ def _swing(controller: Controller, instant: SwingInstant) -> TrajectoryPoint:
         TrajectoryPoint(instant.lift_off, nothing, nothing),
         instant.footstep,
         jnp.asarray(time, nothing.dtype),
-        instant.phase * time,  # type: ignore[arg-type]
+        instant.phase * time,
     )
     upward = rise_and_fall(
         instant.phase,
