@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
@@ -42,7 +43,7 @@ class CameraHealth(NamedTuple):
     failed: Bool[Array, ""]
 
 
-def healthy_camera(shape: tuple[int, int], dtype: jnp.dtype) -> CameraHealth:
+def healthy_camera(shape: tuple[int, int], dtype: DTypeLike) -> CameraHealth:
     """Before the first frame."""
     return CameraHealth(jnp.zeros(shape, dtype), jnp.zeros((), jnp.int32), jnp.asarray(False))
 

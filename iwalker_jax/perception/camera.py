@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from iwalker_jax.checks import require_range
@@ -91,7 +92,7 @@ def camera_pose(mount: Float[Array, " 5"]) -> tuple[Float[Array, "3 3"], Float[A
 
 
 def backproject(
-    depth: Float[Array, "height width"], intrinsics: Intrinsics, mount: Float[Array, " 5"]
+    depth: Float[Array | np.ndarray, "height width"], intrinsics: Intrinsics, mount: Float[Array, " 5"]
 ) -> Float[Array, "height width 3"]:
     """Points [m] in the base frame of a z-depth image [m]; invalid pixels (0) give the camera's centre.
 
@@ -106,7 +107,7 @@ def backproject(
 
 
 def offsets_from_camera(
-    depth: Float[Array, "height width"], intrinsics: Intrinsics, R_base_camera: Float[Array, "3 3"]
+    depth: Float[Array | np.ndarray, "height width"], intrinsics: Intrinsics, R_base_camera: Float[Array, "3 3"]
 ) -> tuple[Float[Array, "height width"], Float[Array, "height width"], Float[Array, "height width"]]:
     """(x, y, z) [m] from the camera to the point of each pixel along the base frame's axes, one array an axis.
 

@@ -76,7 +76,7 @@ def check_image_size(shape: tuple[int, ...], intrinsics: Intrinsics) -> None:
 
 
 def clean_depth(
-    depth: Float[Array, "height width"],
+    depth: Float[Array | np.ndarray, "height width"],
     max_range: float = MAX_RANGE,
     min_agreeing: int = 2,
 ) -> Float32[Array, "height width"]:
@@ -116,7 +116,7 @@ def clean_depth(
 
 
 def resize_depth(
-    depth: Float[Array, "from_height from_width"], intrinsics_from: Intrinsics, intrinsics_to: Intrinsics
+    depth: Float[Array | np.ndarray, "from_height from_width"], intrinsics_from: Intrinsics, intrinsics_to: Intrinsics
 ) -> Float[Array, "to_height to_width"]:
     """Depth image as another pinhole camera at the same place would see it.
 

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.perception.camera import Intrinsics
@@ -45,7 +46,7 @@ class LocalMap(NamedTuple):
 
 
 def build_local_map(
-    depth: Float[Array, "height width"],
+    depth: Float[Array | np.ndarray, "height width"],
     mount: Float[Array, " 5"],
     intrinsics: Intrinsics,
     grid: GridSpec = DEFAULT_GRID,

@@ -194,7 +194,7 @@ def test_the_floors_of_the_page_are_those_of_the_house():
     ("page", "title", "words"),
     [
         ("navigation", "policy", set(POLICIES)),
-        ("navigation", "outcome", {end.name.lower().replace("_", " ") for end in Outcome} - {"running"}),
+        ("navigation", "outcome", {end.word for end in Outcome} - {Outcome.RUNNING.word}),
         ("qp", "status", {status.name for status in Status}),
         ("choosing", "mode", set(get_args(GradientMode))),
         ("choosing", "preset", set(PRESETS)),

@@ -2,6 +2,7 @@
 
 import cv2
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -25,7 +26,7 @@ occupancy = jax.jit(occupancy_map, static_argnames=("intrinsics", "grid", "obsta
 
 def test_point_planes_equal_backproject():
     depth = np.random.default_rng(0).uniform(0.0, 8.0, (90, 160)).astype(np.float32)
-    planes = point_planes(depth, TILTED.as_array(), INTRINSICS)
+    planes = point_planes(jnp.asarray(depth), TILTED.as_array(), INTRINSICS)
     points = np.asarray(backproject(depth, INTRINSICS, TILTED.as_array()))
     np.testing.assert_allclose(np.stack(planes[:3], axis=-1), points, atol=1e-5)
     offset = np.linalg.norm(points[..., :2] - np.array([0.1, 0.03], np.float32), axis=-1)
@@ -44,7 +45,7 @@ def test_published_map_equals_opencv():
     np.add.at(values, (rows[inside], columns[inside]), 0.1)
     values[values < 0.15] = 0.0
     expected = cv2.GaussianBlur(np.minimum(values, 2.0), (7, 7), 1.4)
-    ours = np.asarray(published_collision_map(depth, TILTED.as_array(), INTRINSICS))
+    ours = np.asarray(published_collision_map(jnp.asarray(depth), TILTED.as_array(), INTRINSICS))
     assert expected.max() > 0.5
     # A point within float32 rounding of a cell's edge may fall to either side: 0.1 of a few cells.
     assert np.mean(np.abs(ours - expected) > 1e-5) < 0.02

@@ -56,7 +56,7 @@ def test_clean_depth_of_a_useless_image_is_zero(value):
 
 
 @pytest.mark.parametrize("image", [np.zeros((9, 16), np.uint16), np.zeros((2, 9, 16), np.float32)])
-def test_clean_depth_refuses_raw_units_and_batches(image):
+def test_clean_depth_refuses_raw_units_and_batches(image, unchecked_types):
     with pytest.raises(InputError, match="floating-point metres"):
         jax.jit(clean_depth)(image)
 
@@ -76,7 +76,7 @@ def test_depth_from_uint16_is_metres():
         (np.zeros((3, 3), np.uint16), np.nan, "metres per unit"),
     ],
 )
-def test_depth_from_uint16_refuses_wrong_input(image, scale, sentence):
+def test_depth_from_uint16_refuses_wrong_input(image, scale, sentence, unchecked_types):
     with pytest.raises(InputError, match=sentence):
         depth_from_uint16(image, scale)
 

@@ -101,7 +101,7 @@ def test_a_batch_row_does_not_depend_on_its_neighbours():
 
 
 @pytest.mark.parametrize("shape", [(90,), (1, 160), (160, 90), (2, 90, 160)])
-def test_a_depth_image_of_another_size_is_refused(shape):
+def test_a_depth_image_of_another_size_is_refused(shape, unchecked_types):
     with pytest.raises(InputError, match="90 rows and 160 columns"):
         build(np.ones(shape, np.float32), MOUNT.as_array(), INTRINSICS)
 

@@ -137,7 +137,7 @@ def test_nan_points_give_nan_and_leave_others_alone():
         assert jnp.isfinite(values[1])
 
 
-def test_wrong_shapes_and_modes_are_refused():
+def test_wrong_shapes_and_modes_are_refused(unchecked_types):
     """Oracle: the error sentence."""
     with pytest.raises(InputError, match="shape"):
         sample_bilinear(jnp.zeros((3, 3)), GRID, jnp.zeros(2))

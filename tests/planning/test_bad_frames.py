@@ -143,7 +143,7 @@ def test_every_goal_gives_a_finite_plan(plan, images):
     assert np.abs(outcome.path).max() < 50.0
 
 
-def test_raw_sensor_units_are_one_sentence(planner):
+def test_raw_sensor_units_are_one_sentence(planner, unchecked_types):
     """uint16 millimetres read as metres would be a room of kilometres."""
     raw = np.full(SIZE, 1500, np.uint16)
     with pytest.raises(InputError, match="floating-point metres"):
@@ -153,11 +153,11 @@ def test_raw_sensor_units_are_one_sentence(planner):
 
 
 @pytest.mark.parametrize("shape", [(90, 160), (1, 160, 90), (2, 90, 160)])
-def test_a_wrong_image_size_or_batch_is_one_sentence(planner, shape):
+def test_a_wrong_image_size_or_batch_is_one_sentence(planner, shape, unchecked_types):
     with pytest.raises(InputError, match="depth"):
         planner.plan_path(jnp.ones(shape), jnp.zeros((1, 2)))
 
 
-def test_goals_of_a_wrong_shape_are_one_sentence(planner):
+def test_goals_of_a_wrong_shape_are_one_sentence(planner, unchecked_types):
     with pytest.raises(InputError, match="goal"):
         planner.plan_path(jnp.ones((1, *SIZE)), jnp.zeros((1, 3)))

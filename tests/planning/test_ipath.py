@@ -129,6 +129,6 @@ def test_convolution_equals_a_direct_sum():
         ({"goal_is_end": True}, "even"),
     ],
 )
-def test_impossible_configurations_are_refused_in_one_sentence(change, word):
+def test_impossible_configurations_are_refused_in_one_sentence(change, word, unchecked_types):
     with pytest.raises(InputError, match=word):
         IPathConfig(**change)

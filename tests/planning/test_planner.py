@@ -104,6 +104,6 @@ def test_a_single_frame_passes_through_jit_vmap_and_grad(planner, frames):
         ({"state": standing_state(StepGeometry())._replace(stance_sign=jnp.ones(2))}, "stance_sign has shape"),
     ],
 )
-def test_bad_input_is_one_sentence(planner, changes, sentence):
+def test_bad_input_is_one_sentence(planner, changes, sentence, unchecked_types):
     with pytest.raises(InputError, match=sentence):
         planner(**({"depth": np.ones(SIZE), "goal": [1.0, 0.0]} | changes))
