@@ -23,10 +23,7 @@ from iwalker_jax.evaluation.episodes import (
     save_episode,
     write_film,
 )
-from iwalker_jax.navigation.body_volume import BodyVolume
-from iwalker_jax.navigation.episodes import EpisodeProgram
-from iwalker_jax.navigation.navigators import make_navigator
-from iwalker_jax.navigation.record import EpisodeRecord, Outcome
+from iwalker_jax.navigation import BodyVolume, EpisodeProgram, EpisodeRecord, Outcome, make_navigator
 from iwalker_jax.runtime import write_json
 from iwalker_jax.scenes import Scene
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene

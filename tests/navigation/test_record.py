@@ -1,4 +1,4 @@
-"""What is said of an episode's end. Oracle: the enumeration, of which every member has words and a colour of its own."""
+"""What is said of the end of an episode. Oracle: the enumeration, whose members have words and colours of their own."""
 
 import re
 

@@ -27,7 +27,7 @@ from iwalker_jax.film import (
     write_frames,
 )
 from iwalker_jax.geometry import host, side_of_step
-from iwalker_jax.navigation.record import EpisodeRecord, Outcome
+from iwalker_jax.navigation import EpisodeRecord, Outcome
 from iwalker_jax.scenes import Scene
 from iwalker_jax.scenes.mjcf import obstacle_geoms
 from iwalker_jax.tasks import Task

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.figures import FOOT_COLOURS, pyplot, save_figure
 from iwalker_jax.geometry import host
-from iwalker_jax.navigation.record import EpisodeRecord, Outcome
+from iwalker_jax.navigation import EpisodeRecord, Outcome
 from iwalker_jax.perception import DEFAULT_OBSTACLES
 from iwalker_jax.scenes import Scene
 from iwalker_jax.tasks import Task
