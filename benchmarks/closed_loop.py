@@ -44,6 +44,7 @@ from iwalker_jax.navigation.map_memory import memory_cells, update_memory, windo
 from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
 from iwalker_jax.perception import (  # noqa: E402
     DEFAULT_GRID,
+    Intrinsics,
     best_routes,
     clean_depth,
     free_and_occupied,
@@ -196,8 +197,8 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
         return 1 / timed(call, *arguments, repeats=REPEATS).best
 
     def ipath_rate(network: Planner) -> float:
-        sizes = network.config.ipath
-        depth = jnp.full((1, sizes.height, sizes.width), 2.0)
+        camera = network.config.ipath.camera
+        depth = jnp.full((1, camera.height, camera.width), 2.0)
         call = jax.jit(lambda split, image: split.merge().plan_path(image, jnp.ones((1, 2)), mount)[0])
         return rate(call, split_module(network), depth)
 
@@ -220,7 +221,7 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
         return plan_steps(navigator.pursuit, split.merge().istepper, path, path[-1], stance).positions
 
     published = IPathConfig(variant="paper", trunk_width=64, goal_is_end=True, even=False)
-    large = dataclasses.replace(published, height=360, width=640)
+    large = dataclasses.replace(published, camera=Intrinsics(640, 360, 320.0, 320.0, 319.5, 179.5))
     rates = {
         "iPath (default)": ipath_rate(planner),
         "iPath (paper, 90 x 160)": ipath_rate(Planner(PlannerConfig(ipath=published), nnx.Rngs(0))),

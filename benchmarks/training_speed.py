@@ -101,8 +101,8 @@ def lower_levels(config: TrainConfig, batch: TrainingBatch, plan: Any) -> dict[s
         return jnp.sum((path - solve_unicycle(reference, start, models.unicycle, config.gradient).value.path) ** 2)
 
     def step_tracking(footsteps: jax.Array, state: RobotState) -> jax.Array:
-        planes = pre_impact_planes(state, models.hlip)
-        best = solve_step_mpc(footsteps, planes, models.hlip, models.step_weights, config.gradient)
+        planes = pre_impact_planes(state, config.planner.hlip)
+        best = solve_step_mpc(footsteps, planes, config.planner.hlip, models.step_weights, config.gradient)
         return jnp.sum((footsteps - best.value.footsteps) ** 2)
 
     unicycle = jax.jit(jax.vmap(jax.value_and_grad(path_tracking)))
@@ -117,9 +117,7 @@ def measure(name: str, config: TrainConfig, data: TrainingData, repeats: int) ->
     """Print one configuration's speed and the parts of its step."""
     whole = WholeStep(config, data)
     index = jnp.asarray(frame_order(0, FRAMES, config.batch_size, 0))
-    gather = jax.jit(
-        lambda i: gather_batch(data, i, jax.random.key(0), config.mirror, config.models.steps, config.models.hlip)
-    )
+    gather = jax.jit(lambda i: gather_batch(data, i, jax.random.key(0), config.mirror, config.planner))
     batch = gather(index)
     network = jax.jit(network_gradient(config))
     params = jax.tree.map(jnp.array, whole.state.params)
@@ -174,9 +172,9 @@ def main() -> None:
     arguments = parser.parse_args()
     config = TrainConfig()
     print(f"{machine()}; best and median of {arguments.repeats}")
-    frames = load_training_frames(DataConfig(frames=FRAMES))
+    frames = load_training_frames(DataConfig(frames=FRAMES), config.planner.ipath.camera)
     measure_maps(config, frames, min(arguments.repeats, 5))
-    data = prepare(frames, config.planner.ipath.camera, config.models.traversal)
+    data = prepare(frames, config.models.traversal)
     for size in (1, 16):
         measure("default preset", dataclasses.replace(config, batch_size=size), data, arguments.repeats)
     if arguments.paper:

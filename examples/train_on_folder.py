@@ -38,7 +38,7 @@ def main(folder: Path | None = None, images: int = 24, epochs: int = 2, out: Pat
     frames = frames_from_recording(folder, intrinsics=iw.Intrinsics(), depth_scale=0.001)
     networks = PlannerConfig(ipath=IPathConfig(trunk_width=4, hidden=32))
     config = dataclasses.replace(TrainConfig(), planner=networks, epochs=epochs, batch_size=8)
-    data = prepare(frames, iw.Intrinsics(), config.models.traversal)
+    data = prepare(frames, config.models.traversal)
     losses = []
     train(config, data, out / "run", resume=False, on_progress=lambda step: losses.append(step.losses["total"]))
     print(f"{len(frames)} images, {len(losses)} steps: loss {losses[0]:.3f} at first, {losses[-1]:.3f} at last")

@@ -92,7 +92,8 @@ def collect(command: Command) -> None:
                 record = program.run(tasks, seed=seed)
                 names = [Outcome(int(last)).word for last in record.outcome[:, -1]]
                 write_json(file.with_suffix(".json"), names)
-                save_frames(frames_from_episodes(navigator.camera, tasks, record, command.stride, seed), file)
+                kept = frames_from_episodes(navigator.camera, navigator.intrinsics, tasks, record, command.stride, seed)
+                save_frames(kept, file)
             parts.append(load_frames(file))
             ends.update(json.loads(file.with_suffix(".json").read_text()))
             show(numbers[-1] + 1)

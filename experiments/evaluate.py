@@ -157,9 +157,10 @@ def study_settings(command: Command, planner: Planner, name: str) -> tuple[Study
 
 def evaluate_frames(command: Command, planner: Planner, config: TrainConfig, out: Path) -> Table | None:
     """The table of single frames, printed and saved; None if no frames are asked for."""
-    sequences = standard_sequences(command.scenes, command.unseen_scenes, command.seed, say=say)
+    camera = planner.config.ipath.camera
+    sequences = standard_sequences(command.scenes, command.unseen_scenes, command.seed, say, camera)
     if command.data is not None:
-        sequences.append(FrameSequence("recording", frames_from_recording(command.data, say=say), None))
+        sequences.append(FrameSequence("recording", frames_from_recording(command.data, say=say, camera=camera), None))
     if not sequences:
         return None
     table = evaluate_all(planner, config.models, sequences, out, say=say)
@@ -171,7 +172,9 @@ def evaluate_frames(command: Command, planner: Planner, config: TrainConfig, out
 
 def evaluate_episodes(command: Command, settings: StudySettings, planners: dict[str, Planner], out: Path) -> Study:
     """The episodes, progress shown, and their table printed."""
-    film = FilmSettings() if command.videos else None
+    film = None
+    if command.videos:
+        film = FilmSettings(camera=planners[settings.policies[0]].config.ipath.camera)
     with ExitStack() as stack:
         bars: list[ShowProgress] = []
 

@@ -29,7 +29,6 @@ from experiments.shared.console import (
 from iwalker_jax.data.sources import load_training_frames
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.frames import FrameSequence, evaluate_all, standard_sequences
-from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime.files import write_json
 from iwalker_jax.runtime.processes import ProcessGroup, barrier, exit_process, is_first
 from iwalker_jax.training.checkpoints import load_run
@@ -88,11 +87,12 @@ def parse(arguments: list[str]) -> Command:
 
 def prepare_data(config: TrainConfig) -> TrainingData:
     """Frames of the configured source with their maps, progress shown."""
+    camera = config.planner.ipath.camera
     with progress_bar("depth frames", config.source.frames) as show:
-        frames = load_training_frames(config.source, on_progress=lambda done, total: show(done), say=say)
+        frames = load_training_frames(config.source, camera, on_progress=lambda done, total: show(done), say=say)
         show(config.source.frames)
     with progress_bar("maps", len(frames)) as show:
-        return prepare(frames, Intrinsics(), config.models.traversal, on_progress=show)
+        return prepare(frames, config.models.traversal, on_progress=show)
 
 
 def run_training(command: Command, data: TrainingData) -> TrainResult:
@@ -159,9 +159,10 @@ def main(arguments: list[str] | None = None) -> int:
         write_json(config_file(command.out), config_to_dict(command.config))
         planner = planner_from(command.config, result.state.params)
         save_planner(command.out / "planner.npz", planner, command.config)
-        sequences = standard_sequences(unseen_scenes=command.unseen_scenes, say=say)
+        camera = command.config.planner.ipath.camera
+        sequences = standard_sequences(unseen_scenes=command.unseen_scenes, say=say, camera=camera)
         if command.config.source.folder is not None:
-            frames = load_training_frames(command.config.source, say=lambda sentence: None)
+            frames = load_training_frames(command.config.source, camera, say=lambda sentence: None)
             sequences.append(FrameSequence("recording", frames, None))
         table = evaluate_all(planner, command.config.models, sequences, command.out / "evaluation", say=say)
     except (InputError, CheckpointError, FloatingPointError, OSError) as error:

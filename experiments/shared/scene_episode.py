@@ -15,6 +15,7 @@ from experiments.shared.walk_output import finite_or_none
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes import (
     AROUND,
+    FilmSettings,
     episode_metrics,
     judged,
     least_surface_distance,
@@ -24,6 +25,7 @@ from iwalker_jax.evaluation.episodes import (
     write_film,
 )
 from iwalker_jax.navigation import BodyVolume, EpisodeProgram, EpisodeRecord, Outcome, make_navigator
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime import write_json
 from iwalker_jax.scenes import Scene
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene
@@ -136,7 +138,7 @@ def run_scene_episode(options: EpisodeOptions, shared: SharedOptions) -> None:
     save_episode(task, episode, shared.out / "trace.png")
     plain = {name: value if isinstance(value, str) else finite_or_none(float(value)) for name, value in figures.items()}
     write_json(shared.out / "figures.json", plain)
-    filmed = shared.video and _film(shared.out / "film.mp4", task, episode)
+    filmed = shared.video and _film(shared.out / "film.mp4", task, episode, navigator.intrinsics)
     say(f"Trace{', figures and film' if filmed else ' and figures'} are in {shared.out}.")
 
 
@@ -150,10 +152,10 @@ def _surface_distance(file: Path, volume: BodyVolume, episode: EpisodeRecord) ->
     return distance
 
 
-def _film(file: Path, task: Task, episode: EpisodeRecord) -> bool:
+def _film(file: Path, task: Task, episode: EpisodeRecord, camera: Intrinsics) -> bool:
     """Write the film; a machine that cannot draw is told what is missing and keeps its other results."""
     try:
-        write_film(file, task, episode)
+        write_film(file, task, episode, FilmSettings(camera=camera))
     except InputError as error:
         say(f"No film: {error}")
         return False

@@ -102,7 +102,8 @@ def run_training_study(
     Runs are resumable: a finished one is only loaded. The table is printed and saved after every seed, so nothing is
     lost when the study is stopped; None if it was.
     """
-    sequences = standard_sequences(unseen_scenes=unseen_scenes, say=say)
+    camera = variants[0].config.planner.ipath.camera
+    sequences = standard_sequences(unseen_scenes=unseen_scenes, say=say, camera=camera)
     scores: dict[tuple[str, str], list[dict[str, float]]] = {}
     table = None
     for seed in range(seeds):

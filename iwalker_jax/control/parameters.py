@@ -34,7 +34,7 @@ class GaitParameters:
     """When and where the feet move.
 
     Attributes:
-        hlip: the pendulum; its single-support time is the nominal step time.
+        hlip: the pendulum, without double support; its single-support time is the nominal step time.
         mpc: weights of the step MPC that corrects the planned footsteps.
         horizon: planned footsteps that the step MPC looks ahead.
         feedback: whether the step MPC corrects the planned footsteps; without it they are taken as planned.
@@ -95,6 +95,11 @@ class GaitParameters:
     early_touchdown: bool = False
 
     def __post_init__(self) -> None:
+        if self.hlip.double_support_time != 0:
+            raise InputError(
+                f"The gait changes feet at once, but its pendulum has {self.hlip.double_support_time} s of double "
+                "support; give a double_support_time of 0."
+            )
         if not 2 <= self.horizon <= 20:
             raise InputError(f"GaitParameters.horizon is {self.horizon}; look 2 to 20 footsteps ahead.")
         require_range(self, "swing_height", 0.005, 0.2, "m")

@@ -61,7 +61,7 @@ def record_camera_path(
         keys = jax.random.split(jax.random.key(seed), len(depth))
         depth = np.asarray(add_path_noise(keys, jnp.asarray(depth), noise, intrinsics))
     n = len(poses)
-    return FrameSet(depth_to_millimetres(depth), mounts, goals, poses, np.zeros(n, np.int32), (scene.name,))
+    return FrameSet(depth_to_millimetres(depth), mounts, goals, poses, np.zeros(n, np.int32), (scene.name,), intrinsics)
 
 
 @jax.jit

@@ -5,13 +5,14 @@ import io
 import json
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt16
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime import atomic_write, write_text
 
 DEPTH_UNIT = 0.001
@@ -30,6 +31,7 @@ class FrameSet:
         poses: (n, 3) float32 [x, y, yaw] of the base in its scene's world frame; NaN where unknown.
         scene_index: (n,) int32 index into `scene_names`; frames of one scene are consecutive.
         scene_names: names of the scenes or recordings.
+        camera: that all images are seen through.
     """
 
     depth: np.ndarray
@@ -38,6 +40,7 @@ class FrameSet:
     poses: np.ndarray
     scene_index: np.ndarray
     scene_names: tuple[str, ...]
+    camera: Intrinsics
 
     def __post_init__(self) -> None:
         n = len(self.depth)
@@ -47,6 +50,11 @@ class FrameSet:
             raise InputError(
                 f"Depth must be a (frames, height, width) array of uint16 millimetres, got {self.depth.dtype} "
                 f"{self.depth.shape}."
+            )
+        if self.depth.shape[1:] != (self.camera.height, self.camera.width):
+            raise InputError(
+                f"Images of {self.depth.shape[1:]} px do not belong to a camera of "
+                f"{(self.camera.height, self.camera.width)} px (height, width)."
             )
         shapes = {
             "mounts": (self.mounts.shape, (n, 5)),
@@ -80,6 +88,7 @@ class FrameSet:
             self.poses[index],
             self.scene_index[index],
             self.scene_names,
+            self.camera,
         )
 
 
@@ -87,16 +96,16 @@ def concatenate(parts: Sequence[FrameSet]) -> FrameSet:
     """One frame set of several, whose scenes keep their names and their order.
 
     Raises:
-        InputError: for no parts, or if their images or their numbers of goals differ.
+        InputError: for no parts, or if their cameras or their numbers of goals differ.
     """
     if not parts:
         raise InputError("There are no frames to put together; give at least one frame set.")
-    (size, goals), *others = [(part.depth.shape[1:], part.goals.shape[1]) for part in parts]
+    (camera, goals), *others = [(part.camera, part.goals.shape[1]) for part in parts]
     for other in others:
-        if other != (size, goals):
+        if other != (camera, goals):
             raise InputError(
-                f"Frames of {size} px with {goals} goals and frames of {other[0]} px with {other[1]} goals cannot be "
-                "trained on together; make them with the same camera and number of goals."
+                f"Frames with {goals} goals through {camera} and frames with {other[1]} goals through {other[0]} "
+                "cannot be trained on together; make them with the same camera and number of goals."
             )
     first_scene = np.cumsum([0, *(len(part.scene_names) for part in parts[:-1])]).tolist()
     return FrameSet(
@@ -106,6 +115,7 @@ def concatenate(parts: Sequence[FrameSet]) -> FrameSet:
         poses=np.concatenate([part.poses for part in parts]),
         scene_index=np.concatenate([part.scene_index + first for part, first in zip(parts, first_scene)]),
         scene_names=tuple(name for part in parts for name in part.scene_names),
+        camera=camera,
     )
 
 
@@ -126,6 +136,7 @@ def save_frames(frames: FrameSet, file: Path) -> None:
         poses=frames.poses,
         scene_index=frames.scene_index,
         scene_names=np.array(json.dumps(frames.scene_names)),
+        camera=np.array(json.dumps(asdict(frames.camera))),
     )
     payload = buffer.getvalue()
     try:
@@ -159,6 +170,7 @@ def load_frames(file: Path) -> FrameSet:
                 data["poses"],
                 data["scene_index"],
                 tuple(json.loads(str(data["scene_names"]))),
+                Intrinsics(**json.loads(str(data["camera"]))),
             )
     except (zipfile.BadZipFile, EOFError, KeyError, ValueError) as error:
         raise InputError(f"{file} is not a frame set written by this version ({error}); {advice}.") from error

@@ -17,11 +17,13 @@ from iwalker_jax.data.goals import cells_that_reach, reachable_goals
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation import EpisodeRecord, Outcome, RobotCamera, camera_in_world, measured_mount
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.tasks import Task
 
 
 def frames_from_episodes(
     camera: RobotCamera,
+    intrinsics: Intrinsics,
     tasks: Sequence[Task],
     record: EpisodeRecord,
     stride: int = 12,
@@ -32,6 +34,7 @@ def frames_from_episodes(
 
     Args:
         camera: that recorded.
+        intrinsics: of its images.
         tasks: of the episodes.
         record: NumPy, batch first, with images kept.
         stride: frames from one taken to the next.
@@ -62,7 +65,7 @@ def frames_from_episodes(
         goals = np.concatenate(aimed)
         depth = depth_to_millimetres(np.asarray(record.depth[k, chosen], np.float32))
         mounts = np.asarray(_mounts(camera, jnp.asarray(record.qpos[k, chosen - 1]), jnp.asarray(poses)))
-        parts.append(FrameSet(depth, mounts, goals, poses, np.zeros(len(chosen), np.int32), (task.name,)))
+        parts.append(FrameSet(depth, mounts, goals, poses, np.zeros(len(chosen), np.int32), (task.name,), intrinsics))
     if not parts:
         raise InputError("No robot walked in these episodes; collect from other tasks.")
     return concatenate(parts)

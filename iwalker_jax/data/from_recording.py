@@ -1,6 +1,7 @@
 """A user's own recording as training frames: goals are sampled where each frame itself shows free, reachable ground."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -25,6 +26,7 @@ def frames_from_recording(
     intrinsics: Intrinsics | None = None,
     depth_scale: float | None = None,
     say: Callable[[str], None] = print,
+    camera: Intrinsics = Intrinsics(),
 ) -> FrameSet:
     """Frames of a recording folder with goals; what was assumed or left out is said.
 
@@ -37,11 +39,12 @@ def frames_from_recording(
         seed: of the goals.
         intrinsics, depth_scale: override the folder's own.
         say: hears the sentences.
+        camera: that the frames are re-projected to.
 
     Raises:
         InputError: if the recording is unusable, or no frame shows any free ground.
     """
-    recording = load_recording(folder, intrinsics, depth_scale)
+    recording = load_recording(folder, intrinsics, depth_scale, camera)
     for problem in recording.report.problems:
         say(f"{problem.file} {problem.problem}")
     for assumption in recording.report.assumptions:
@@ -53,7 +56,7 @@ def frames_from_recording(
     goals = np.zeros((n, goals_per_frame, 2), np.float32)
     usable = np.ones(n, bool)
     for i in range(n):
-        sampled = _sample_goals(np.asarray(_reachable(depth[i], mounts[i])), goals_per_frame, rng)
+        sampled = _sample_goals(np.asarray(_reachable(depth[i], mounts[i], camera)), goals_per_frame, rng)
         if sampled is None:
             usable[i] = False
         else:
@@ -71,15 +74,17 @@ def frames_from_recording(
     elif recording.poses is not None:
         goals[:, 0] = host.to_base(poses, poses[-1, :2])
     frames = FrameSet(
-        depth_to_millimetres(depth), mounts, goals, poses, np.zeros(n, np.int32), (Path(folder).resolve().name,)
+        depth_to_millimetres(depth), mounts, goals, poses, np.zeros(n, np.int32), (folder.resolve().name,), camera
     )
     return frames.select(np.flatnonzero(usable))
 
 
-@jax.jit
-def _reachable(depth: Float[Array, "height width"], mount: Float[Array, " 5"]) -> Bool[Array, "rows columns"]:
+@partial(jax.jit, static_argnames="camera")
+def _reachable(
+    depth: Float[Array, "height width"], mount: Float[Array, " 5"], camera: Intrinsics
+) -> Bool[Array, "rows columns"]:
     """Cells of the coarse grid that the robot can reach without leaving seen free space."""
-    local = build_local_map(depth, mount, Intrinsics())
+    local = build_local_map(depth, mount, camera)
     free = (pool_2x2(local.known_free.astype(jnp.float32)) > 0.99) & (pool_2x2(local.esdf) > BODY.route_radius)
     return free & (cost_to_go(jnp.where(free, 1.0, jnp.inf), jnp.zeros(2), _GRID).value.cost < UNREACHABLE)
 

@@ -11,6 +11,7 @@ from iwalker_jax.data.from_recording import frames_from_recording
 from iwalker_jax.data.from_scenes import generate_training_frames
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime import default_cache_folder
 from iwalker_jax.version import __version__
 
@@ -37,6 +38,7 @@ class DataConfig:
 
 def load_training_frames(
     source: DataConfig,
+    camera: Intrinsics,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
     say: Callable[[str], None] = print,
 ) -> FrameSet:
@@ -44,26 +46,31 @@ def load_training_frames(
 
     Args:
         source: recording folder, or number and seed of synthetic frames.
+        camera: that scenes are rendered through and recordings are re-projected to.
         on_progress: hears (done, total) while frames are generated.
         say: hears what was assumed or repaired.
 
     Raises:
-        InputError: if a recording is unusable.
+        InputError: if a recording is unusable, or frames of episodes were seen through another camera.
     """
-    frames = _own_frames(source, on_progress, say)
+    frames = _own_frames(source, camera, on_progress, say)
     return frames if source.episodes is None else concatenate([frames, load_frames(source.episodes)])
 
 
-def _own_frames(source: DataConfig, on_progress: Callable[[int, int], None], say: Callable[[str], None]) -> FrameSet:
+def _own_frames(
+    source: DataConfig, camera: Intrinsics, on_progress: Callable[[int, int], None], say: Callable[[str], None]
+) -> FrameSet:
     if source.folder is not None:
-        return frames_from_recording(source.folder, seed=source.seed, say=say)
-    file = cache_file(source)
+        return frames_from_recording(source.folder, seed=source.seed, say=say, camera=camera)
+    file = cache_file(source, camera)
     if file.exists():
         try:
             return load_frames(file)
         except InputError as error:
             say(f"{error} Making it anew now.")
-    frames = generate_training_frames(source.frames, source.seed, on_progress=lambda n: on_progress(n, source.frames))
+    frames = generate_training_frames(
+        source.frames, source.seed, intrinsics=camera, on_progress=lambda n: on_progress(n, source.frames)
+    )
     try:
         save_frames(frames, file)
     except InputError as error:
@@ -71,11 +78,12 @@ def _own_frames(source: DataConfig, on_progress: Callable[[int, int], None], say
     return frames
 
 
-def cache_file(source: DataConfig) -> Path:
+def cache_file(source: DataConfig, camera: Intrinsics) -> Path:
     """Where the synthetic frames of a source are kept; the name depends on all that determines them."""
     recipe = {
         "frames": source.frames,
         "seed": source.seed,
+        "camera": asdict(camera),
         "camera_paths": asdict(CameraPathSampling()),
         "generator": GENERATOR,
     }

@@ -50,7 +50,8 @@ def make_navigator(
 
     Args:
         policy: name of one.
-        planner: trained networks; the classical policy uses their iStepper alone.
+        planner: trained networks; the classical policy uses their iStepper alone. Camera, foot placement and step time
+            are those that they were trained with.
         sensors: `none` walks on the true state, the others on the estimate.
         depth_noise: whether the camera is as noisy as a real one.
         loop: clocks and ends of an episode.
@@ -61,7 +62,7 @@ def make_navigator(
     if policy not in POLICIES:
         raise InputError(f"Unknown policy {policy!r}; choose one of {', '.join(POLICIES)}.")
     guidance, pursuit, feedback = POLICIES[policy]
-    walker, model = default_walker(sensors, GaitParameters(feedback=feedback))
+    walker, model = default_walker(sensors, GaitParameters(hlip=planner.config.hlip, feedback=feedback))
     return Navigator(
         walker=walker,
         camera=load_camera(model),

@@ -20,13 +20,13 @@ class IPathConfig:
 
     Attributes:
         variant: "light" (trains on two CPU cores) or "paper" (the published 53 M parameter layout at 360 x 640).
-        height, width: [px] depth image size.
         waypoints: number of predicted waypoints.
         trunk_width: channels of the first residual stage; the published network has 64.
         hidden: units of the light variant's fully connected layers.
         goal_reach: [m] goals farther than this are pulled in along their bearing before the network sees them.
         nearest_depth: [m] where the light variant's inverse-depth input saturates.
-        camera: intrinsics with which the light variant turns pixels into points.
+        camera: intrinsics and size of its depth images, which training frames, walks and recordings are taken with or
+            re-projected to; the light variant turns pixels into points with it.
         mount: nominal mount, used where no measured one is given.
         scan: bearings about the goal's direction that the light variant's head sees besides the image.
         goal_is_end: replace the last waypoint by the goal, as published; otherwise the end point is free.
@@ -35,8 +35,6 @@ class IPathConfig:
     """
 
     variant: Literal["light", "paper"] = "light"
-    height: int = 90
-    width: int = 160
     waypoints: int = 5
     trunk_width: int = 16
     hidden: int = 256
@@ -51,13 +49,9 @@ class IPathConfig:
     def __post_init__(self) -> None:
         if self.variant not in ("light", "paper"):
             raise InputError(f"Unknown iPath variant {self.variant!r}; choose 'light' or 'paper'.")
-        if self.height < 64 or self.width < 96:
-            raise InputError(f"iPath needs depth images of at least 64 x 96 px, got {self.height} x {self.width}.")
-        if self.variant == "light" and (self.camera.height, self.camera.width) != (self.height, self.width):
-            raise InputError(
-                f"iPath's camera is {self.camera.height} x {self.camera.width} px but its images are {self.height} x "
-                f"{self.width} px; make them equal."
-            )
+        height, width = self.camera.height, self.camera.width
+        if height < 64 or width < 96:
+            raise InputError(f"iPath needs depth images of at least 64 x 96 px, got {height} x {width}.")
         if self.waypoints < 2 or self.trunk_width < 4 or self.goal_reach <= 0:
             raise InputError("iPath needs at least 2 waypoints, 4 trunk channels and a positive goal reach.")
         if self.goal_is_end and self.even:
@@ -204,7 +198,7 @@ class _LightHead(nnx.Module):
     """Reduces the channels, keeps every image position, and adds the goal before two hidden layers."""
 
     def __init__(self, config: IPathConfig, rngs: nnx.Rngs) -> None:
-        height, width = trunk_size(config.height // 2), trunk_size(config.width // 2)
+        height, width = trunk_size(config.camera.height // 2), trunk_size(config.camera.width // 2)
         features = height * width * 8 * config.trunk_width
         hidden = config.hidden
         self.image = nnx.Linear(features, hidden, rngs=rngs)
@@ -246,7 +240,7 @@ class _PaperHead(nnx.Module):
 
     def __init__(self, config: IPathConfig, rngs: nnx.Rngs) -> None:
         channels = 8 * config.trunk_width
-        height, width = trunk_size(config.height), trunk_size(config.width)
+        height, width = trunk_size(config.camera.height), trunk_size(config.camera.width)
         # The published paddings shrink the map by 4; images too small for that keep it instead.
         self.shrinks = min(height, width) > 4
         self.goal = nnx.Linear(3, 16, rngs=rngs)

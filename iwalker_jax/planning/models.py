@@ -1,10 +1,9 @@
-"""The models that planner, losses and metrics share: pendulum, unicycle, steps, body."""
+"""The models that losses and metrics share: unicycle, step MPC, body."""
 
 from dataclasses import dataclass
 
-from iwalker_jax.optimization import HlipParameters, StepMpcWeights, UnicycleParameters
+from iwalker_jax.optimization import StepMpcWeights, UnicycleParameters
 from iwalker_jax.perception import TraversalParameters
-from iwalker_jax.planning.robot_state import StepGeometry
 
 
 @dataclass(frozen=True)
@@ -13,17 +12,14 @@ class PlannerModels:
 
     Attributes:
         unicycle: the path MPC.
-        hlip, step_weights: the step MPC.
-        steps: desired foot placement.
+        step_weights: of the step MPC; its pendulum is the planner's own, `PlannerConfig.hlip`.
         traversal: cost of walking through the map.
         safety_margin: [m] clearance beyond the body radius that the collision terms ask for.
         blind_walking: extra cost per metre of a path (not of the cost-to-go) through space that was not seen.
     """
 
     unicycle: UnicycleParameters = UnicycleParameters()
-    hlip: HlipParameters = HlipParameters()
     step_weights: StepMpcWeights = StepMpcWeights()
-    steps: StepGeometry = StepGeometry()
     traversal: TraversalParameters = TraversalParameters()
     safety_margin: float = 0.10
     blind_walking: float = 4.5

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import hermite_path
+from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.perception import CameraMount, check_depth_image, clean_depth
 from iwalker_jax.planning.ipath import IPath, IPathConfig
 from iwalker_jax.planning.istepper import IStepper, IStepperConfig
@@ -28,11 +29,19 @@ PATH_POINTS = 100
 
 @dataclass(frozen=True)
 class PlannerConfig:
-    """Sizes of both networks and the foot placement they are made for."""
+    """Sizes of both networks and what they are made for; who uses a planner takes these numbers from it.
+
+    Attributes:
+        ipath: iPath's size, and the camera whose images it sees.
+        istepper: iStepper's size.
+        steps: foot placement.
+        hlip: pendulum whose robot states iStepper sees; its single-support time is the step time of the walk.
+    """
 
     ipath: IPathConfig = IPathConfig()
     istepper: IStepperConfig = IStepperConfig()
     steps: StepGeometry = StepGeometry()
+    hlip: HlipParameters = HlipParameters()
 
 
 class Plan(NamedTuple):
@@ -151,7 +160,8 @@ def _as_array(value: Numbers, floating: bool = False) -> Array:
 
 def _check_dimensions(depth: Array, allowed: tuple[int, ...], config: IPathConfig) -> None:
     if depth.ndim not in allowed:
-        shapes = {2: f"({config.height}, {config.width})", 3: f"(batch, {config.height}, {config.width})"}
+        size = f"{config.camera.height}, {config.camera.width}"
+        shapes = {2: f"({size})", 3: f"(batch, {size})"}
         wanted = " or ".join(shapes[count] for count in allowed)
         raise InputError(f"The planner takes depth of shape {wanted} here, got {depth.shape}.")
 
@@ -177,9 +187,10 @@ def _check(depth: Array, goal: Array, mount: Array | None, config: IPathConfig) 
             "depth_from_uint16."
         )
     *batch, height, width = depth.shape
-    if (height, width) != (config.height, config.width):
+    camera = config.camera
+    if (height, width) != (camera.height, camera.width):
         raise InputError(
-            f"The planner takes depth images of {config.height} x {config.width} px, got {height} x {width} px; bring "
+            f"The planner takes depth images of {camera.height} x {camera.width} px, got {height} x {width} px; bring "
             "them to that size with resize_depth."
         )
     for name, value, size in (("goal", goal, 2), ("mount", mount, 5)):

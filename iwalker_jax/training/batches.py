@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from iwalker_jax.data.frame_set import DEPTH_UNIT
-from iwalker_jax.optimization import HlipParameters
-from iwalker_jax.planning import RobotState, StepGeometry, sample_robot_state
+from iwalker_jax.planning import PlannerConfig, RobotState, sample_robot_state
 from iwalker_jax.training.maps import FrameMaps, TrainingData
 
 
@@ -39,8 +38,7 @@ def gather_batch(
     index: Int[Array, " batch"],
     key: Array,
     mirror: bool,
-    steps: StepGeometry,
-    hlip: HlipParameters,
+    planner: PlannerConfig,
 ) -> TrainingBatch:
     """Frames `index`, each with a random goal (the route's end every third time) and robot state, perhaps mirrored.
 
@@ -66,7 +64,7 @@ def gather_batch(
         mount = jnp.where(flip, data.mounts[i] * jnp.asarray([1.0, 1.0, -1.0, 1.0, -1.0]), data.mounts[i])
         maps = jax.tree.map(lambda field, other: jnp.where(flip, other, field), maps, maps.mirrored())
         # The sampled states are symmetric in left and right already.
-        return TrainingBatch(depth, goal, mount, sample_robot_state(k_state, steps, hlip), maps)
+        return TrainingBatch(depth, goal, mount, sample_robot_state(k_state, planner.steps, planner.hlip), maps)
 
     # The keys come from the row's number, so that a batch is the same however it is spread over devices.
     keys = jax.vmap(lambda row: jax.random.fold_in(key, row))(jnp.arange(index.shape[0]))

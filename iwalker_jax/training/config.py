@@ -24,7 +24,7 @@ class TrainConfig:
     Attributes:
         method: what teaches iPath; see `Method`.
         source: frames to train on.
-        planner: network sizes.
+        planner: network sizes, and the camera, foot placement and pendulum that they are made for.
         models: lower-level models and costs.
         weights: of the losses.
         gradient: how both MPCs are differentiated.
@@ -64,8 +64,6 @@ class TrainConfig:
             raise InputError("batch_size, epochs, checkpoint_every and keep_checkpoints must be at least 1.")
         if not (self.learning_rate > 0 and 0 <= self.final_learning_rate <= 1 and self.clip > 0):
             raise InputError("Learning rate and clip must be positive, final_learning_rate a share in [0, 1].")
-        if self.planner.steps != self.models.steps:
-            raise InputError("planner.steps and models.steps differ; the networks and the losses must agree on them.")
 
     def total_steps(self, frames: int) -> int:
         """Number of batches for a data set of this many frames."""

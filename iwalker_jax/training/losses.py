@@ -18,7 +18,7 @@ from iwalker_jax.perception import (
     sample_smooth,
     traversal_cost,
 )
-from iwalker_jax.planning import PlannerModels, RobotState, closest_on_path, pre_impact_planes
+from iwalker_jax.planning import PlannerConfig, PlannerModels, RobotState, closest_on_path, pre_impact_planes
 from iwalker_jax.training.maps import FrameMaps
 
 _ROUTE_SOFTNESS = 0.05  # [m] below which the distance to the route counts quadratically
@@ -165,6 +165,7 @@ def step_losses(
     path: Float[Array, "n 2"],
     state: RobotState,
     maps: FrameMaps,
+    planner: PlannerConfig,
     models: PlannerModels,
     gradient: GradientMode,
 ) -> StepLosses:
@@ -175,14 +176,15 @@ def step_losses(
         path: the path that they follow.
         state: of this robot.
         maps: of this frame.
+        planner: foot placement and pendulum.
         models: lower-level models.
         gradient: how the step MPC is differentiated.
     """
-    planes = pre_impact_planes(state, models.hlip)
-    solution = solve_step_mpc(footsteps, planes, models.hlip, models.step_weights, gradient)
+    planes = pre_impact_planes(state, planner.hlip)
+    solution = solve_step_mpc(footsteps, planes, planner.hlip, models.step_weights, gradient)
     tracking = jnp.mean(jnp.sum((footsteps - solution.value.footsteps) ** 2, axis=-1))
 
-    geometry = models.steps
+    geometry = planner.steps
     lateral, advance = closest_on_path(path, footsteps)
     signs = footstep_signs(state.stance_sign, geometry.count)
     width = jnp.mean((lateral - signs * geometry.width / 2) ** 2)

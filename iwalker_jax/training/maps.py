@@ -83,14 +83,14 @@ def frame_maps(
 
 def prepare(
     frames: FrameSet,
-    intrinsics: Intrinsics,
     traversal: TraversalParameters,
     batch: int = 16,
     on_progress: Callable[[int], None] = lambda done: None,
 ) -> TrainingData:
     """Make all maps of a frame set, `batch` frames at a time; `on_progress` hears how many frames are done."""
+    camera = frames.camera
     many = jax.jit(
-        jax.vmap(lambda depth, mount, goals: _half(frame_maps(depth * DEPTH_UNIT, mount, goals, intrinsics, traversal)))
+        jax.vmap(lambda depth, mount, goals: _half(frame_maps(depth * DEPTH_UNIT, mount, goals, camera, traversal)))
     )
     n = len(frames)
     parts = []

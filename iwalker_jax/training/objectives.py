@@ -109,13 +109,13 @@ def _step_loss(
 ) -> tuple[Array, Array, dict[str, Array]]:
     """Footsteps along a path, each row's U_step and its terms."""
     footsteps = planner.istepper(path, batch.state)
-    terms = jax.vmap(lambda s, p, x, m: step_losses(s, p, x, m, config.models, config.gradient))(
+    terms = jax.vmap(lambda s, p, x, m: step_losses(s, p, x, m, config.planner, config.models, config.gradient))(
         footsteps, path, batch.state, batch.maps
     )
     loss = jax.vmap(lambda row: weighted_sum(row, config.weights))(terms)
     if controlled is None:
         return footsteps, loss, terms._asdict()
-    width = config.models.steps.width
+    width = config.planner.steps.width
     whole_body = jax.vmap(lambda s, x: whole_body_losses(controlled, s, x, width))(footsteps, batch.state)
     loss = loss + jax.vmap(lambda row: weighted_sum(row, config.weights))(whole_body)
     return footsteps, loss, terms._asdict() | whole_body._asdict()

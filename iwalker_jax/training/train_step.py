@@ -193,7 +193,7 @@ def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraA
 
 
 def _controlled_robot(config: TrainConfig) -> ControlledRobot | None:
-    return load_controlled_robot() if config.weights.uses_whole_body else None
+    return load_controlled_robot(config.planner.hlip) if config.weights.uses_whole_body else None
 
 
 def _step_key(state: TrainState) -> Array:
@@ -203,7 +203,7 @@ def _step_key(state: TrainState) -> Array:
 def _batch(
     state: TrainState, data: TrainingData, index: Array, config: TrainConfig, mesh: Mesh | None
 ) -> TrainingBatch:
-    batch = gather_batch(data, index, _step_key(state), config.mirror, config.models.steps, config.models.hlip)
+    batch = gather_batch(data, index, _step_key(state), config.mirror, config.planner)
     if mesh is None:
         return batch
     return jax.lax.with_sharding_constraint(batch, NamedSharding(mesh, PartitionSpec("batch")))

@@ -17,6 +17,7 @@ from bruce_model import load_mujoco
 from iwalker_jax.constants import GRAVITY
 from iwalker_jax.control import (
     Controller,
+    GaitParameters,
     GaitReference,
     TrajectoryPoint,
     advance_towards,
@@ -26,7 +27,7 @@ from iwalker_jax.control import (
     solve_whole_body,
 )
 from iwalker_jax.geometry import Side, other_side
-from iwalker_jax.optimization import pendulum_flow
+from iwalker_jax.optimization import HlipParameters, pendulum_flow
 from iwalker_jax.planning import RobotState
 from iwalker_jax.robot import LEG_COUNT, RobotModel, load_robot, place_robot, rigid_body_terms
 
@@ -100,10 +101,10 @@ class InstantSolution(NamedTuple):
     converged: Bool[Array, ""]
 
 
-def load_controlled_robot() -> ControlledRobot:
-    """BRUCE and its walking controller, in JAX's present precision."""
+def load_controlled_robot(hlip: HlipParameters = HlipParameters()) -> ControlledRobot:
+    """BRUCE and its walking controller on a pendulum, in JAX's present precision."""
     robot = load_robot(load_mujoco())
-    return ControlledRobot(robot, make_controller(robot))
+    return ControlledRobot(robot, make_controller(robot, GaitParameters(hlip=hlip)))
 
 
 def whole_body_losses(

@@ -1,5 +1,6 @@
 """Frame sets: checks on construction, exact round trip, and one sentence for every way a file can be bad."""
 
+import dataclasses
 import errno
 import hashlib
 import io
@@ -17,7 +18,9 @@ from iwalker_jax.data.frame_set import (
     save_frames,
 )
 from iwalker_jax.errors import InputError
+from iwalker_jax.perception import Intrinsics
 
+CAMERA = Intrinsics(6, 4, 3.0, 3.5, 2.5, 1.5)
 FIELDS = ("depth", "mounts", "goals", "poses", "scene_index")
 
 
@@ -30,6 +33,7 @@ def make_frames(**changes) -> FrameSet:
         "poses": np.full((5, 3), np.nan, np.float32),
         "scene_index": np.array([0, 0, 1, 1, 1], np.int32),
         "scene_names": ("kitchen-1", 'a "quoted" name, with comma'),
+        "camera": CAMERA,
     }
     return FrameSet(**(fields | changes))
 
@@ -53,8 +57,12 @@ def test_frame_sets_are_put_together_in_order():
 
 
 def test_frame_sets_of_other_cameras_are_not_put_together():
-    with pytest.raises(InputError, match=r"\(4, 6\) px with 3 goals and frames of \(4, 6\) px with 2 goals"):
+    with pytest.raises(InputError, match=r"with 3 goals .* frames with 2 goals"):
         concatenate([make_frames(), make_frames(goals=np.zeros((5, 2, 2), np.float32))])
+    with pytest.raises(InputError, match=r"fx=3\.0, .* fx=4\.0, .* cannot be trained on together"):
+        concatenate([make_frames(), make_frames(camera=dataclasses.replace(CAMERA, fx=4.0))])
+    with pytest.raises(InputError, match=r"\(4, 6\) px do not belong to a camera of \(90, 160\) px"):
+        make_frames(camera=Intrinsics())
     with pytest.raises(InputError, match="no frames to put together"):
         concatenate([])
 

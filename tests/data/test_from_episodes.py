@@ -13,10 +13,12 @@ from iwalker_jax.data.from_episodes import frames_from_episodes
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.camera import camera_in_world, load_camera
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.scenes.ray_casting import world_camera_pose
 from iwalker_jax.scenes.scene import obstacle_distance
 from tests.evaluation.episode_records import make_record, make_task
 
+CAMERA = Intrinsics(160, 90)
 SAMPLING = CameraPathSampling(goals_per_frame=4)
 
 
@@ -27,7 +29,7 @@ def camera():
 
 @pytest.fixture(scope="module")
 def frames(camera):
-    return frames_from_episodes(camera, [make_task()], make_record(images=True), 10, 0, SAMPLING)
+    return frames_from_episodes(camera, CAMERA, [make_task()], make_record(images=True), 10, 0, SAMPLING)
 
 
 def test_mount_and_pose_say_where_the_camera_was_when_the_image_was_taken(camera, frames):
@@ -58,7 +60,7 @@ def test_frames_of_episodes_join_others_of_the_same_kind(camera, frames):
     assert len(both) == 2 * len(frames)
     assert both.scene_index.max() == 1
     other = frames_from_episodes(
-        camera, [make_task()], make_record(images=True), 10, 0, CameraPathSampling(goals_per_frame=2)
+        camera, CAMERA, [make_task()], make_record(images=True), 10, 0, CameraPathSampling(goals_per_frame=2)
     )
     with pytest.raises(InputError, match="cannot be trained on together"):
         concatenate([frames, other])
@@ -66,4 +68,4 @@ def test_frames_of_episodes_join_others_of_the_same_kind(camera, frames):
 
 def test_records_without_images_are_refused(camera):
     with pytest.raises(InputError, match="without images"):
-        frames_from_episodes(camera, [make_task()], make_record())
+        frames_from_episodes(camera, CAMERA, [make_task()], make_record())

@@ -5,6 +5,7 @@ import numpy as np
 from iwalker_jax.data.frame_set import FrameSet
 from iwalker_jax.evaluation.frames.metrics import PlanMetrics, TrueMetrics
 from iwalker_jax.evaluation.frames.sequences import FrameSequence, SequenceResult
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.local_map import LocalMap
 
@@ -53,4 +54,5 @@ def make_sequence(frames: int = 4, name: str = "office") -> FrameSequence:
     depth = np.tile(np.linspace(0, 5000, 90).astype(np.uint16)[:, None], (frames, 1, 160))
     zeros = np.zeros((frames, 5), np.float32)
     goals = np.tile(np.float32([4.0, 0.5]), (frames, 1, 1))
-    return FrameSequence(name, FrameSet(depth, zeros, goals, zeros[:, :3], np.zeros(frames, np.int32), (name,)), None)
+    scenes = np.zeros(frames, np.int32)
+    return FrameSequence(name, FrameSet(depth, zeros, goals, zeros[:, :3], scenes, (name,), Intrinsics()), None)

@@ -6,6 +6,7 @@ import pytest
 
 from experiments import evaluate, train
 from iwalker_jax.evaluation.frames import report, sequences
+from iwalker_jax.perception import Intrinsics
 
 SMALL = [
     "--source.frames",
@@ -29,10 +30,10 @@ SCENES = ("office", "corner")
 def shorten_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two test sequences of three frames, instead of four of sixty."""
 
-    def standard(names=SCENES, unseen_scenes=1, seed=0, say=lambda sentence: None):
-        recorded = [sequences.record_held_out_sequence(name, frames=3, seed=seed) for name in names]
+    def standard(names=SCENES, unseen_scenes=1, seed=0, say=lambda sentence: None, camera=Intrinsics()):
+        recorded = [sequences.record_held_out_sequence(name, frames=3, seed=seed, camera=camera) for name in names]
         if unseen_scenes:
-            recorded.append(sequences.record_unseen_scenes(unseen_scenes, frames_per_scene=3, seed=seed))
+            recorded.append(sequences.record_unseen_scenes(unseen_scenes, 3, seed, camera=camera))
         return recorded
 
     monkeypatch.setattr(train, "standard_sequences", standard)

@@ -8,6 +8,7 @@ import pytest
 from experiments import collect
 from iwalker_jax.data.frame_set import FrameSet, load_frames
 from iwalker_jax.navigation.record import Outcome
+from iwalker_jax.perception import Intrinsics
 from tests.evaluation.episode_records import make_task
 from tests.experiments.commands import fails_with_one_sentence
 
@@ -29,16 +30,17 @@ def run_seeds(monkeypatch):
                 raise KeyboardInterrupt
             return SimpleNamespace(outcome=np.array([[Outcome.RUNNING, Outcome.REACHED]] * len(tasks)))
 
-    def frames(camera, tasks, record, stride, seed):
+    def frames(camera, intrinsics, tasks, record, stride, seed):
         n = len(tasks)
         depth, zeros = np.full((n, 2, 3), seed, np.uint16), np.zeros((n, 5), np.float32)
-        return FrameSet(depth, zeros, zeros[:, None, :2], zeros[:, :3], np.zeros(n, np.int32), (f"{seed}",))
+        return FrameSet(depth, zeros, zeros[:, None, :2], zeros[:, :3], np.zeros(n, np.int32), (f"{seed}",), intrinsics)
 
     monkeypatch.setattr(collect, "EpisodeProgram", Program)
     monkeypatch.setattr(collect, "frames_from_episodes", frames)
     monkeypatch.setattr(collect, "training_task", lambda seed: make_task(f"training-{seed}"))
     monkeypatch.setattr(collect, "planner_of", lambda run: (None, None, f"networks of {run}"))
-    monkeypatch.setattr(collect, "make_navigator", lambda policy, planner: SimpleNamespace(camera=None))
+    navigator = SimpleNamespace(camera=None, intrinsics=Intrinsics(3, 2, 2.0, 2.0, 1.0, 0.5))
+    monkeypatch.setattr(collect, "make_navigator", lambda policy, planner: navigator)
     return seeds
 
 

@@ -9,6 +9,7 @@ import pytest
 from flax import nnx
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.planning.ipath import IPath, IPathConfig, evenly_spaced, reduced_goal
 from iwalker_jax.planning.residual_network import conv2d, max_pool_3x3
 from tests.gradients import assert_gradients_agree
@@ -28,7 +29,7 @@ def _count(config: IPathConfig) -> int:
 
 def test_paper_network_has_the_published_number_of_parameters():
     """Oracle: 53.3 M parameters at 360 x 640, 33.6 M of them in the first fully connected layer."""
-    config = IPathConfig(variant="paper", trunk_width=64, height=360, width=640)
+    config = IPathConfig(variant="paper", trunk_width=64, camera=Intrinsics(640, 360, 320.0, 320.0, 319.5, 179.5))
     assert _count(config) == pytest.approx(53.3e6, rel=2e-3)
     network = nnx.eval_shape(lambda: IPath(config, nnx.Rngs(0)))
     assert np.prod(network.head.dense1.kernel.shape) == pytest.approx(33.6e6, rel=2e-3)
@@ -124,7 +125,7 @@ def test_convolution_equals_a_direct_sum():
     ("change", "word"),
     [
         ({"variant": "huge"}, "variant"),
-        ({"height": 32}, "90|64"),
+        ({"camera": Intrinsics(160, 32)}, "64 x 96"),
         ({"waypoints": 1}, "waypoints"),
         ({"goal_is_end": True}, "even"),
     ],

@@ -8,7 +8,6 @@ import pytest
 from iwalker_jax.data.from_scenes import generate_training_frames
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.data.sources import DataConfig
-from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.planning.ipath import IPathConfig
 from iwalker_jax.planning.planner import PlannerConfig
 from iwalker_jax.training.config import TrainConfig
@@ -39,7 +38,7 @@ def small_frames():
 @pytest.fixture(scope="session")
 def small_data(small_frames):
     """The frames with their maps."""
-    return prepare(small_frames, Intrinsics(), SMALL.models.traversal, batch=8)
+    return prepare(small_frames, SMALL.models.traversal, batch=8)
 
 
 @pytest.fixture

@@ -5,10 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from iwalker_jax.optimization import HlipParameters
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.local_map import build_local_map
-from iwalker_jax.planning.robot_state import StepGeometry
+from iwalker_jax.planning.planner import PlannerConfig
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
 from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.training.batches import frame_order, gather_batch
@@ -59,7 +58,7 @@ def make_data(depth: np.ndarray, rows: int = 1) -> TrainingData:
 
 
 def gather(data: TrainingData, index, seed: int = 0, mirror: bool = True):
-    return gather_batch(data, jnp.asarray(index), jax.random.key(seed), mirror, StepGeometry(), HlipParameters())
+    return gather_batch(data, jnp.asarray(index), jax.random.key(seed), mirror, PlannerConfig())
 
 
 @pytest.fixture(scope="module")

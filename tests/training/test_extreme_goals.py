@@ -33,14 +33,14 @@ def outcome(small_config):
     # Three equal goals a frame (the number that the shared data has): whichever is drawn, a row's goal is its own.
     goals = np.tile(np.float32(list(GOALS.values()))[:, None], (3, 3, 1))
     mounts = np.tile(np.asarray(MOUNT.as_array()), (n, 1))
-    frames = FrameSet(depth, mounts, goals, np.zeros((n, 3), np.float32), np.zeros(n, np.int32), ("made",))
-    data = prepare(frames, Intrinsics(), small_config.models.traversal, batch=8)
+    poses, scenes = np.zeros((n, 3), np.float32), np.zeros(n, np.int32)
+    frames = FrameSet(depth, mounts, goals, poses, scenes, ("made",), Intrinsics())
+    data = prepare(frames, small_config.models.traversal, batch=8)
     network = split_module(make_planner(small_config))
-    models = small_config.models
 
     @jax.jit
     def evaluate(index):
-        batch = gather_batch(data, index, jax.random.key(0), False, models.steps, models.hlip)
+        batch = gather_batch(data, index, jax.random.key(0), False, small_config.planner)
 
         def loss(network):
             value, (terms, counts, plan) = batch_losses(network.merge(), batch, small_config)

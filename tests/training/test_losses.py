@@ -13,7 +13,7 @@ from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID
 from iwalker_jax.perception.seen_route import ROUTE_GRID
 from iwalker_jax.planning.footsteps import nominal_footsteps
 from iwalker_jax.planning.models import PlannerModels
-from iwalker_jax.planning.planner import waypoints_to_path
+from iwalker_jax.planning.planner import PlannerConfig, waypoints_to_path
 from iwalker_jax.planning.robot_state import sample_robot_state
 from iwalker_jax.planning.split_module import split_module
 from iwalker_jax.training.batches import gather_batch
@@ -23,7 +23,7 @@ from iwalker_jax.training.objectives import batch_losses
 from iwalker_jax.training.train_step import make_planner
 from tests.gradients import assert_gradients_agree
 
-MODELS = PlannerModels()
+PLANNER, MODELS = PlannerConfig(), PlannerModels()
 
 
 def _smooth_maps(dtype=jnp.float64) -> FrameMaps:
@@ -58,13 +58,13 @@ def test_u_step_gradient_equals_finite_differences(x64):
     """Oracle: central differences of the whole of U_step, H-LIP optimum included, for footsteps and path."""
     maps = _smooth_maps()
     state = jax.tree.map(
-        lambda x: x.astype(jnp.float64), sample_robot_state(jax.random.key(1), MODELS.steps, HlipParameters())
+        lambda x: x.astype(jnp.float64), sample_robot_state(jax.random.key(1), PLANNER.steps, HlipParameters())
     )
     path = waypoints_to_path(_waypoints()[None])[0]
-    footsteps, _ = nominal_footsteps(path, state.stance_sign, MODELS.steps)
+    footsteps, _ = nominal_footsteps(path, state.stance_sign, PLANNER.steps)
 
     def loss(steps, along):
-        return weighted_sum(step_losses(steps, along, state, maps, MODELS, "implicit"), LossWeights())[None]
+        return weighted_sum(step_losses(steps, along, state, maps, PLANNER, MODELS, "implicit"), LossWeights())[None]
 
     moved = footsteps + 0.013 * jax.random.normal(jax.random.key(2), footsteps.shape)
     assert_gradients_agree(jax.jit(loss), moved, path)
@@ -89,7 +89,7 @@ def test_stopped_mode_leaves_the_gradient_of_the_difference_alone(x64):
 
 def _norms(config, data, part: str) -> tuple[float, float]:
     """Gradient norms of U_path or U_step with respect to iPath's and iStepper's parameters."""
-    batch = gather_batch(data, jnp.arange(4), jax.random.key(0), True, config.models.steps, config.models.hlip)
+    batch = gather_batch(data, jnp.arange(4), jax.random.key(0), True, config.planner)
     loss = jax.grad(lambda network: batch_losses(network.merge(), batch, config)[1][0][part])
     gradient = jax.jit(loss)(split_module(make_planner(config))).params
 

@@ -35,7 +35,7 @@ def test_prepare_equals_frame_maps_one_by_one(small_frames, small_data):
 def test_a_partial_last_batch_changes_nothing(small_frames, small_data):
     """Oracle: the same frames prepared in one full batch; the display hears of every frame once."""
     heard = []
-    parts = prepare(small_frames.select(np.arange(6)), Intrinsics(), RULES, batch=4, on_progress=heard.append)
+    parts = prepare(small_frames.select(np.arange(6)), RULES, batch=4, on_progress=heard.append)
     assert heard == [4, 6]
     for name, part, whole in zip(parts._fields, parts, small_data):
         assert part.shape == (6, *whole.shape[1:])

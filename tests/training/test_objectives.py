@@ -15,8 +15,7 @@ from iwalker_jax.training.train_step import make_planner
 @pytest.fixture(scope="module")
 def outcome(small_config, small_data):
     """Terms of every method on one batch and planner, and U_step's gradient norms for iPath and iStepper."""
-    models = small_config.models
-    batch = gather_batch(small_data, jnp.arange(4), jax.random.key(0), True, models.steps, models.hlip)
+    batch = gather_batch(small_data, jnp.arange(4), jax.random.key(0), True, small_config.planner)
     network = split_module(make_planner(small_config))
 
     def terms(network, method):

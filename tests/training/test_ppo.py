@@ -110,7 +110,7 @@ def config(small_config):
 def test_returns_are_minus_u_path_of_the_sampled_paths(config, small_data):
     """Oracle: the losses called for each path alone; a path off the map is cut off at the worst return."""
     models = config.models
-    batch = gather_batch(small_data, jnp.arange(4), jax.random.key(0), True, models.steps, models.hlip)
+    batch = gather_batch(small_data, jnp.arange(4), jax.random.key(0), True, config.planner)
     learner = ActorCritic(config.planner, config.ppo, nnx.Rngs(0))
     tried, said = jax.jit(lambda key: explore(learner, batch, key, config))(jax.random.key(1))
     weights = dataclasses.replace(config.weights, fear=0.0)

@@ -120,9 +120,9 @@ def test_a_run_that_only_breaks_gives_up(small_config, small_data, tmp_path, mon
 def test_mirroring_flips_everything_together(small_config, small_data):
     """Property: a mirrored row's image, goal and maps are the flipped originals."""
     arguments = (jnp.arange(4), jax.random.key(3))
-    steps, hlip = small_config.models.steps, small_config.models.hlip
-    plain = gather_batch(small_data, *arguments, False, steps, hlip)
-    mirrored = gather_batch(small_data, *arguments, True, steps, hlip)
+    planner = small_config.planner
+    plain = gather_batch(small_data, *arguments, False, planner)
+    mirrored = gather_batch(small_data, *arguments, True, planner)
     flipped = np.flatnonzero(np.asarray(plain.goal[:, 1]) != np.asarray(mirrored.goal[:, 1]))
     assert 0 < len(flipped) < 4
     for row in flipped:

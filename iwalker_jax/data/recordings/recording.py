@@ -1,4 +1,4 @@
-"""Recordings of real depth, validated and brought to the canonical camera."""
+"""Recordings of real depth, validated and re-projected to the camera that networks see through."""
 
 import functools
 import math
@@ -28,9 +28,6 @@ from iwalker_jax.perception import (
 )
 from iwalker_jax.perception.depth_png import read_depth_png
 
-CANONICAL = Intrinsics()
-"""The camera that networks see: 160 x 90 px, f 80 px."""
-
 _MAX_MOUNT_DEVIATION = (0.15, math.radians(10.0), math.radians(10.0))  # of one frame's fit from the median
 
 
@@ -44,6 +41,7 @@ class Recording:
         mounts: (N, 5) camera mounts as in `CameraMount`.
         poses: (N, 3) [x m, y m, yaw rad] of the base in the world; None if the recording has none.
         goals: (N, 2) [m] in each frame's base frame; None if the recording has none.
+        camera: that `depth_frames` re-projects to.
     """
 
     report: RecordingReport
@@ -51,27 +49,31 @@ class Recording:
     mounts: Float32[np.ndarray, "n 5"]
     poses: Float32[np.ndarray, "n 3"] | None
     goals: Float32[np.ndarray, "n 2"] | None
+    camera: Intrinsics
 
     def __len__(self) -> int:
         return len(self.metadata.images)
 
-    def depth_frames(self) -> Float32[np.ndarray, "n 90 160"]:
-        """All frames through the canonical camera [m], 0 = no return; not yet cleaned (`clean_depth`).
+    def depth_frames(self) -> Float32[np.ndarray, "n height width"]:
+        """All frames through `camera` [m], 0 = no return; not yet cleaned (`clean_depth`).
 
         Raises:
             InputError: if a file has gone bad since the recording was validated.
         """
-        frames = np.empty((len(self), CANONICAL.height, CANONICAL.width), np.float32)
+        frames = np.empty((len(self), self.camera.height, self.camera.width), np.float32)
         for row, path in enumerate(self.metadata.images):
             try:
-                frames[row] = _canonical_frame(self.metadata, path)
+                frames[row] = _reprojected_frame(self.metadata, path, self.camera)
             except InputError as error:
                 raise InputError(f"{path} {error}") from None
         return frames
 
 
 def load_recording(
-    folder: str | Path, intrinsics: Intrinsics | None = None, depth_scale: float | None = None
+    folder: str | Path,
+    intrinsics: Intrinsics | None = None,
+    depth_scale: float | None = None,
+    camera: Intrinsics = Intrinsics(),
 ) -> Recording:
     """Validate a recording's folder and return its usable frames.
 
@@ -82,11 +84,12 @@ def load_recording(
         folder: of the recording.
         intrinsics: of the stored images; wins over the folder's own.
         depth_scale: [m] per unit of the images; wins over the folder's own.
+        camera: that the frames are re-projected to.
 
     Raises:
         InputError: if no frame is usable; the sentence says why.
     """
-    report, recording = _examine(Path(folder), intrinsics, depth_scale)
+    report, recording = _examine(Path(folder), intrinsics, depth_scale, camera)
     if recording is None:
         raise InputError(f"The recording {folder} cannot be used: {report.fatal}")
     return recording
@@ -96,11 +99,11 @@ def validate_recording(
     folder: str | Path, intrinsics: Intrinsics | None = None, depth_scale: float | None = None
 ) -> RecordingReport:
     """What `load_recording` would find, as a report; never raises for bad recordings."""
-    return _examine(Path(folder), intrinsics, depth_scale)[0]
+    return _examine(Path(folder), intrinsics, depth_scale, Intrinsics())[0]
 
 
 def _examine(
-    folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None
+    folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None, camera: Intrinsics
 ) -> tuple[RecordingReport, Recording | None]:
     layout = "unknown"
     try:
@@ -114,7 +117,7 @@ def _examine(
     except InputError as error:
         return RecordingReport(folder, layout, fatal=str(error)), None
     found = len(metadata.images)
-    metadata, fits = _keep_usable(metadata)
+    metadata, fits = _keep_usable(metadata, camera)
     report = RecordingReport(
         folder,
         layout,
@@ -133,7 +136,7 @@ def _examine(
     median = tuple(float(value) for value in np.median(mounts, axis=0))
     report = replace(report, assumptions=(*report.assumptions, *assumption), mount=median)
     poses, goals = (None if table is None else table.astype(np.float32) for table in (metadata.poses, metadata.goals))
-    return report, Recording(report, metadata, mounts.astype(np.float32), poses, goals)
+    return report, Recording(report, metadata, mounts.astype(np.float32), poses, goals, camera)
 
 
 def _recognise(folder: Path) -> str:
@@ -153,7 +156,7 @@ def _recognise(folder: Path) -> str:
     )
 
 
-def _keep_usable(metadata: RecordingMetadata) -> tuple[RecordingMetadata, Float[np.ndarray, "n 4"]]:
+def _keep_usable(metadata: RecordingMetadata, camera: Intrinsics) -> tuple[RecordingMetadata, Float[np.ndarray, "n 4"]]:
     """The metadata with only its usable frames, and their floor fits [height, pitch, roll, valid]."""
     kept, fits, problems = [], [], list(metadata.problems)
     if metadata.poses is not None and not np.isfinite(metadata.poses).all(axis=1).any():
@@ -161,13 +164,13 @@ def _keep_usable(metadata: RecordingMetadata) -> tuple[RecordingMetadata, Float[
         metadata = replace(metadata, poses=None, mounts=None if metadata.layout == "iplanner" else metadata.mounts)
     for row, path in enumerate(metadata.images):
         try:
-            frame = _canonical_frame(metadata, path)
+            frame = _reprojected_frame(metadata, path, camera)
             _check_row(metadata, row)
         except InputError as error:
             problems.append(FileProblem(_name(metadata, path), str(error)))
             continue
         kept.append(row)
-        fit = _fit(frame)
+        fit = _fit(frame, camera)
         fits.append([float(fit.height), float(fit.pitch), float(fit.roll), float(fit.valid)])
     usable = replace(
         metadata,
@@ -187,7 +190,7 @@ def _check_row(metadata: RecordingMetadata, row: int) -> None:
             raise InputError(f"has no finite {what} (none recorded for it, none close in time, or not a number).")
 
 
-def _canonical_frame(metadata: RecordingMetadata, path: Path) -> Float[Array, "90 160"]:
+def _reprojected_frame(metadata: RecordingMetadata, path: Path, camera: Intrinsics) -> Float[Array, "height width"]:
     intrinsics = metadata.intrinsics
     depth = read_depth_png(path, metadata.depth_scale, (intrinsics.width, intrinsics.height))
     if metadata.upside_down:
@@ -195,17 +198,19 @@ def _canonical_frame(metadata: RecordingMetadata, path: Path) -> Float[Array, "9
         intrinsics = replace(
             intrinsics, cx=intrinsics.width - 1 - intrinsics.cx, cy=intrinsics.height - 1 - intrinsics.cy
         )
-    return _resize(jnp.asarray(depth), intrinsics)
+    return _resize(jnp.asarray(depth), intrinsics, camera)
+
+
+@functools.partial(jax.jit, static_argnums=(1, 2))
+def _resize(
+    depth: Float[Array, "stored_height stored_width"], intrinsics: Intrinsics, camera: Intrinsics
+) -> Float[Array, "height width"]:
+    return resize_depth(depth, intrinsics, camera)
 
 
 @functools.partial(jax.jit, static_argnums=1)
-def _resize(depth: Float[Array, "height width"], intrinsics: Intrinsics) -> Float[Array, "90 160"]:
-    return resize_depth(depth, intrinsics, CANONICAL)
-
-
-@jax.jit
-def _fit(frame: Float[Array, "90 160"]) -> FloorFit:
-    return fit_floor(clean_depth(frame), CANONICAL)
+def _fit(frame: Float[Array, "height width"], camera: Intrinsics) -> FloorFit:
+    return fit_floor(clean_depth(frame), camera)
 
 
 def _mounts(

@@ -28,6 +28,7 @@ from iwalker_jax.film import (
 )
 from iwalker_jax.geometry import host, side_of_step
 from iwalker_jax.navigation import EpisodeRecord, Outcome
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.scenes import Scene
 from iwalker_jax.scenes.mjcf import obstacle_geoms
 from iwalker_jax.tasks import Task
@@ -49,12 +50,14 @@ class FilmSettings:
         pace: 2 shows every second frame, so that time runs twice as fast.
         cut: [m] height at which walls and furniture are cut off, so that one can look in from above.
         samples: of anti-aliasing.
+        camera: that the episode's depth images were seen through.
     """
 
     height: int = 540
     pace: int = 2
     cut: float = 0.8
     samples: int = 4
+    camera: Intrinsics = Intrinsics()
 
     def __post_init__(self) -> None:
         if not 120 <= self.height <= 1200 or self.height % 12:
@@ -200,7 +203,8 @@ def _seen(
     R_base_camera = R_base_world @ camera.xmat.reshape(3, 3) @ np.diag([1.0, -1.0, -1.0])
     p_base_camera = R_base_world @ (camera.xpos - np.array([x, y, 0.0]))
     plan = _plan_from(np.asarray(episode.believed[i]), task, episode, i)
-    return depth_panel(np.asarray(episode.depth[i]), plan, R_base_camera, p_base_camera, settings.panel)
+    depth = np.asarray(episode.depth[i])
+    return depth_panel(depth, plan, R_base_camera, p_base_camera, settings.panel, settings.camera)
 
 
 def _mapped(

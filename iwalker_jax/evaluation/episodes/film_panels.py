@@ -44,7 +44,7 @@ def depth_panel(
     R_base_camera: Float[np.ndarray, "3 3"],
     p_base_camera: Float[np.ndarray, " 3"],
     size: tuple[int, int],
-    intrinsics: Intrinsics = Intrinsics(),
+    intrinsics: Intrinsics,
 ) -> Image:
     """A depth image [m] in colours, near bright and far dark, with path and goal where they lie on the floor.
 

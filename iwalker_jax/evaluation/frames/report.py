@@ -12,6 +12,7 @@ from iwalker_jax.evaluation.frames.sequences import (
     record_unseen_scenes,
 )
 from iwalker_jax.evaluation.tables import Table
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.planning import Planner, PlannerModels
 from iwalker_jax.scenes import SEQUENCE_NAMES
 
@@ -21,15 +22,16 @@ def standard_sequences(
     unseen_scenes: int = 60,
     seed: int = 0,
     say: Callable[[str], None] = lambda sentence: None,
+    camera: Intrinsics = Intrinsics(),
 ) -> list[FrameSequence]:
     """The named test sequences and, unless `unseen_scenes` is 0, walks through that many held-out scenes."""
     sequences = []
     for name in names:
         say(f"recording the test sequence {name}")
-        sequences.append(record_held_out_sequence(name, seed=seed))
+        sequences.append(record_held_out_sequence(name, seed=seed, camera=camera))
     if unseen_scenes:
         say(f"recording walks through {unseen_scenes} unseen scenes")
-        sequences.append(record_unseen_scenes(unseen_scenes, seed=seed))
+        sequences.append(record_unseen_scenes(unseen_scenes, seed=seed, camera=camera))
     return sequences
 
 

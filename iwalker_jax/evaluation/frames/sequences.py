@@ -22,7 +22,15 @@ from iwalker_jax.evaluation.frames.metrics import (
 )
 from iwalker_jax.geometry import to_world
 from iwalker_jax.perception import Intrinsics, LocalMap, build_local_map
-from iwalker_jax.planning import Plan, Planner, PlannerModels, SplitModule, sample_robot_state, split_module
+from iwalker_jax.planning import (
+    Plan,
+    Planner,
+    PlannerConfig,
+    PlannerModels,
+    SplitModule,
+    sample_robot_state,
+    split_module,
+)
 from iwalker_jax.scenes import SEQUENCE_NAMES, Scene, SceneArrays, held_out_scene, held_out_sequence, shortest_distance
 from iwalker_jax.streams import SEQUENCE_PATHS, UNSEEN_LAYOUTS, UNSEEN_PATHS
 
@@ -69,14 +77,16 @@ class SequenceResult:
     maps: LocalMap
 
 
-def record_held_out_sequence(name: str, frames: int = 60, seed: int = 0) -> FrameSequence:
+def record_held_out_sequence(
+    name: str, frames: int = 60, seed: int = 0, camera: Intrinsics = Intrinsics()
+) -> FrameSequence:
     """The named test sequence (stair, office, corridor, corner): noisy frames along its route, goal at its end."""
     if name not in SEQUENCE_NAMES:
         raise InputError(f"Unknown test scene {name!r}; choose one of {', '.join(SEQUENCE_NAMES)}.")
     sequence = held_out_sequence(name)
     sampling = CameraPathSampling(frames_per_path=frames)
     path = record_camera_path(
-        sequence.scene, seed=SEQUENCE_PATHS.number(seed), sampling=sampling, route=np.asarray(sequence.route)
+        sequence.scene, SEQUENCE_PATHS.number(seed), sampling, camera, route=np.asarray(sequence.route)
     )
     if path is None:
         raise InputError(f"The route of test scene {name!r} does not fit the robot.")
@@ -84,7 +94,11 @@ def record_held_out_sequence(name: str, frames: int = 60, seed: int = 0) -> Fram
 
 
 def record_unseen_scenes(
-    scenes: int = 60, frames_per_scene: int = 5, seed: int = 0, on_progress: Callable[[int], None] = lambda done: None
+    scenes: int = 60,
+    frames_per_scene: int = 5,
+    seed: int = 0,
+    on_progress: Callable[[int], None] = lambda done: None,
+    camera: Intrinsics = Intrinsics(),
 ) -> FrameSequence:
     """Camera paths through scenes of the held-out generator, which no training seed can produce."""
     parts: list[FrameSet] = []
@@ -93,7 +107,7 @@ def record_unseen_scenes(
     number = 0
     while len(parts) < scenes:
         scene = held_out_scene(UNSEEN_LAYOUTS.number(seed, number))
-        path = record_camera_path(scene, seed=UNSEEN_PATHS.number(seed, number), sampling=sampling)
+        path = record_camera_path(scene, UNSEEN_PATHS.number(seed, number), sampling, camera)
         number += 1
         if path is not None:
             parts.append(path)
@@ -107,7 +121,6 @@ def evaluate_sequence(
     models: PlannerModels,
     sequence: FrameSequence,
     goal_index: int = 0,
-    intrinsics: Intrinsics = Intrinsics(),
     seed: int = 0,
 ) -> SequenceResult:
     """Plan every frame of a sequence and score it.
@@ -117,10 +130,17 @@ def evaluate_sequence(
         models: of the two MPCs and the body.
         sequence: frames and scenes.
         goal_index: which of each frame's goals to ask for; 0 is the route's end, as in the paper.
-        intrinsics: of the frames.
         seed: of the robot states that iStepper sees.
+
+    Raises:
+        InputError: if the frames were seen through another camera than the planner's.
     """
-    frames = sequence.frames
+    frames, camera = sequence.frames, planner.config.ipath.camera
+    if frames.camera != camera:
+        raise InputError(
+            f"The frames of {sequence.name} were seen through {frames.camera}, but the planner's camera is {camera}; "
+            "record them through the planner's camera."
+        )
     n = len(frames)
     depth = frames.depth_metres()
     goals = frames.goals[:, goal_index]
@@ -132,13 +152,13 @@ def evaluate_sequence(
     for start in range(0, n, _BATCH):
         index = np.minimum(np.arange(start, start + _BATCH), n - 1)
         batch = (jnp.asarray(depth[index]), frames.mounts[index], goals[index], keys[index])
-        out = _plan_batch(network, *batch, models, intrinsics)
+        out = _plan_batch(network, *batch, planner.config, models)
         parts.append(jax.tree.map(lambda x, keep=min(_BATCH, n - start): np.asarray(x[:keep]), out))
     plan, tracked, metrics, side, maps = jax.tree.map(lambda *x: np.concatenate(x), *parts)
 
     truth = in_view = served = None
     if sequence.scenes is not None:
-        truth, in_view = _truth(frames, sequence.scenes, goals, plan.path, plan.footsteps, models, intrinsics)
+        truth, in_view = _truth(frames, sequence.scenes, goals, plan.path, plan.footsteps, models)
         served = np.asarray(goal_served(truth, jnp.asarray(in_view)))
     return SequenceResult(
         name=sequence.name,
@@ -156,21 +176,21 @@ def evaluate_sequence(
     )
 
 
-@functools.partial(jax.jit, static_argnames=("models", "intrinsics"))
+@functools.partial(jax.jit, static_argnames=("config", "models"))
 def _plan_batch(
     network: SplitModule[Planner],
     depth: Float[Array, "n height width"],
     mounts: Float[Array, "n 5"],
     goals: Float[Array, "n 2"],
     keys: Key[Array, " n"],
+    config: PlannerConfig,
     models: PlannerModels,
-    intrinsics: Intrinsics,
 ) -> tuple[Plan, Float[Array, "n p 2"], PlanMetrics, Float[Array, " n"], LocalMap]:
     """Plans of frames, their paths after the unicycle MPC, what they are worth, the stance feet and the local maps."""
-    maps = jax.vmap(lambda d, m: build_local_map(d, m, intrinsics))(depth, mounts)
-    state = jax.vmap(lambda key: sample_robot_state(key, models.steps, models.hlip))(keys)
+    maps = jax.vmap(lambda d, m: build_local_map(d, m, config.ipath.camera))(depth, mounts)
+    state = jax.vmap(lambda key: sample_robot_state(key, config.steps, config.hlip))(keys)
     plan = network.merge()(depth, goals, state, mounts)
-    score = jax.vmap(lambda p, w, s, x, m: plan_metrics(p, w, s, x, m, models))
+    score = jax.vmap(lambda p, w, s, x, m: plan_metrics(p, w, s, x, m, config.hlip, models))
     metrics, tracked = score(plan.path, plan.waypoints, plan.footsteps, state, maps.published)
     return plan, tracked, metrics, state.stance_sign, maps
 
@@ -182,10 +202,9 @@ def _truth(
     paths: Float[np.ndarray, "n p 2"],
     footsteps: Float[np.ndarray, "n m 2"],
     models: PlannerModels,
-    intrinsics: Intrinsics,
 ) -> tuple[TrueMetrics, Bool[np.ndarray, " n"]]:
     """Ground truth of every frame's plan, frame axis first, and whether its goal is in view."""
-    half_view = float(np.arctan2(intrinsics.width / 2, intrinsics.fx))
+    half_view = float(np.arctan2(frames.camera.width / 2, frames.camera.fx))
     rows, views = [], []
     arrays = [scene.arrays() for scene in scenes]
     for i in range(len(goals)):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from iwalker_jax.film.headless import configure_rendering
+from iwalker_jax.perception import Intrinsics
 
 configure_rendering()
 
@@ -51,7 +52,7 @@ def drawing(filmed) -> None:
 def test_the_goal_in_the_depth_image_lies_where_a_pinhole_puts_it():
     """Oracle: the pinhole equation of a level camera, worked out by hand."""
     R, p = camera_pose(CameraMount(height=0.5, pitch=0.0, forward=0.0).as_array())
-    image = depth_panel(np.full((90, 160), 3.0), AHEAD, np.asarray(R), np.asarray(p), SIZE)
+    image = depth_panel(np.full((90, 160), 3.0), AHEAD, np.asarray(R), np.asarray(p), SIZE, Intrinsics())
     assert image.shape == (270, 480, 3)
     star = coloured(image, (214, 0, 190)).mean(axis=0)
     expected = 3 * (np.array([79.5 - 80 * 1.0 / 2.0, 44.5 + 80 * 0.5 / 2.0]) + 0.5)
@@ -62,7 +63,7 @@ def test_the_goal_in_the_depth_image_lies_where_a_pinhole_puts_it():
 def test_nothing_measured_is_dark_and_near_is_brighter_than_far():
     R, p = (np.asarray(part) for part in camera_pose(CameraMount().as_array()))
     nowhere = Plan(np.zeros((2, 2)), np.zeros((0, 2)), np.array([-5.0, 0.0]), np.zeros(0, int))
-    images = [depth_panel(np.full((90, 160), metres), nowhere, R, p, SIZE) for metres in (0.0, 1.0, 5.0)]
+    images = [depth_panel(np.full((90, 160), metres), nowhere, R, p, SIZE, Intrinsics()) for metres in (0.0, 1.0, 5.0)]
     dark, near, far = (image[100:200, :100].mean() for image in images)
     assert dark < far < near
 
