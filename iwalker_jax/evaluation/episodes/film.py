@@ -12,7 +12,7 @@ from jaxtyping import Float, Int, UInt8
 
 from bruce_model import load_mujoco
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.episodes.film_panels import Plan, depth_panel, map_panel, write
+from iwalker_jax.evaluation.episodes.film_panels import PanelPlan, depth_panel, draw_text, map_panel
 from iwalker_jax.evaluation.episodes.pictures import in_true_world
 from iwalker_jax.film import (
     VideoSettings,
@@ -216,11 +216,11 @@ def _mapped(
     return map_panel(np.asarray(episode.occupied[i]), middle, pose, plan, settings.panel)
 
 
-def _plan_from(pose: Float[np.ndarray, " 3"], task: Task, episode: EpisodeRecord, i: int) -> Plan:
+def _plan_from(pose: Float[np.ndarray, " 3"], task: Task, episode: EpisodeRecord, i: int) -> PanelPlan:
     goal = task.goals[min(int(episode.goal[i]), len(task.goals) - 1)]
     plan = (episode.path[i], episode.footsteps[i], goal[None])
     path, steps, goal = (np.nan_to_num(host.to_base(pose, np.asarray(p))) for p in plan)
-    return Plan(path, steps, goal[0], planned_sides(episode, i))
+    return PanelPlan(path, steps, goal[0], planned_sides(episode, i))
 
 
 def _composed(robot: np.ndarray, panels: tuple[np.ndarray, np.ndarray], caption: tuple[str, str]) -> np.ndarray:
@@ -229,8 +229,8 @@ def _composed(robot: np.ndarray, panels: tuple[np.ndarray, np.ndarray], caption:
     picture[:, left - 1 : left + 1] = 255
     picture[height // 2 - 1 : height // 2 + 1, left:] = 255
     strip = np.full((_STRIP, picture.shape[1], 3), (250, 250, 248), np.uint8)
-    write(strip, caption[0], (12, 24), scale=0.55)
-    write(strip, caption[1], (left + 9, 24), scale=0.55)
+    draw_text(strip, caption[0], (12, 24), scale=0.55)
+    draw_text(strip, caption[1], (left + 9, 24), scale=0.55)
     return np.concatenate([strip, picture])
 
 

@@ -24,7 +24,7 @@ _REAR = 0.5  # [m] shown behind the robot
 _FRACTION = 4  # bits of OpenCV's sub-pixel coordinates
 
 
-class Plan(NamedTuple):
+class PanelPlan(NamedTuple):
     """What is drawn besides the sensor's data, base frame.
 
     Attributes:
@@ -40,7 +40,7 @@ class Plan(NamedTuple):
 
 def depth_panel(
     depth: Float[np.ndarray, "h w"],
-    plan: Plan,
+    plan: PanelPlan,
     R_base_camera: Float[np.ndarray, "3 3"],
     p_base_camera: Float[np.ndarray, " 3"],
     size: tuple[int, int],
@@ -80,7 +80,7 @@ def map_panel(
     occupied: Bool[np.ndarray, "rows columns"],
     middle: Float[np.ndarray, " 2"],
     pose: Float[np.ndarray, " 3"],
-    plan: Plan,
+    plan: PanelPlan,
     size: tuple[int, int],
     memory: MapMemoryParameters = MapMemoryParameters(),
 ) -> Image:
@@ -123,7 +123,7 @@ def map_panel(
     return _labelled(image, "map and plan")
 
 
-def write(
+def draw_text(
     image: Image,
     text: str,
     corner: tuple[int, int],
@@ -138,7 +138,7 @@ def _labelled(image: Image, text: str, light: bool = False) -> Image:
     if light:
         width = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.46, 1)[0][0]
         image[:25, : width + 17] = _NO_RETURN
-    write(image, text, (9, 17), (255, 255, 255) if light else _INK, 0.46)
+    draw_text(image, text, (9, 17), (255, 255, 255) if light else _INK, 0.46)
     return image
 
 

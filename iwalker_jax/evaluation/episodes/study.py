@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 
@@ -32,6 +32,7 @@ from iwalker_jax.tasks import Task
 Groups = dict[tuple[str, str], list[EpisodeMetrics]]
 
 
+@runtime_checkable
 class EpisodeRunner(Protocol):
     """Runs tasks to their ends, as `EpisodeProgram` does.
 

@@ -26,7 +26,7 @@ def save_sheet(sequence: FrameSequence, result: SequenceResult, file: Path, fram
     count = min(frames, len(sequence.frames))
     chosen = np.unique(np.linspace(0, len(sequence.frames) - 1, count).round().astype(int))
     figure, axes = pyplot().subplots(4, len(chosen), figsize=(3.1 * len(chosen), 13.0), squeeze=False)
-    for column, i in enumerate(chosen):
+    for column, i in enumerate(chosen.tolist()):
         _depth(axes[0, column], sequence, result, i)
         _map(axes[1, column], result, i)
         _footsteps(axes[2, column], result, i)

@@ -1,5 +1,6 @@
 """One plan as a picture: what the camera saw with path and footsteps on the floor, and the same from above."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,7 +37,7 @@ def draw_plan(
     depth: ArrayLike,
     plan: Plan,
     file: str | Path,
-    goal: ArrayLike | None = None,
+    goal: ArrayLike | Sequence[float] | None = None,
     mount: CameraMount = CameraMount(),
     intrinsics: Intrinsics = Intrinsics(),
 ) -> None:

@@ -11,7 +11,7 @@ configure_rendering()
 
 from iwalker_jax.errors import InputError  # noqa: E402
 from iwalker_jax.evaluation.episodes.film import FilmSettings, film_frames, film_model, planned_sides, write_film  # noqa: E402
-from iwalker_jax.evaluation.episodes.film_panels import Plan, depth_panel, map_panel  # noqa: E402
+from iwalker_jax.evaluation.episodes.film_panels import PanelPlan, depth_panel, map_panel  # noqa: E402
 from iwalker_jax.evaluation.episodes.metrics import row_of  # noqa: E402
 from iwalker_jax.evaluation.episodes.pictures import in_true_world  # noqa: E402
 from iwalker_jax.geometry import Side, other_side  # noqa: E402
@@ -21,7 +21,7 @@ from tests.evaluation.episode_records import make_record, make_task, room  # noq
 
 SMALL = FilmSettings(height=120, pace=5, samples=0)
 SIZE = (480, 270)
-AHEAD = Plan(
+AHEAD = PanelPlan(
     np.stack([np.linspace(0, 2, 21), np.zeros(21)], axis=1),
     np.array([[0.1, 0.05], [0.2, -0.05], [0.3, 0.05], [0.4, -0.05]]),
     np.array([2.0, 1.0]),
@@ -62,7 +62,7 @@ def test_the_goal_in_the_depth_image_lies_where_a_pinhole_puts_it():
 
 def test_nothing_measured_is_dark_and_near_is_brighter_than_far():
     R, p = (np.asarray(part) for part in camera_pose(CameraMount().as_array()))
-    nowhere = Plan(np.zeros((2, 2)), np.zeros((0, 2)), np.array([-5.0, 0.0]), np.zeros(0, int))
+    nowhere = PanelPlan(np.zeros((2, 2)), np.zeros((0, 2)), np.array([-5.0, 0.0]), np.zeros(0, int))
     images = [depth_panel(np.full((90, 160), metres), nowhere, R, p, SIZE, Intrinsics()) for metres in (0.0, 1.0, 5.0)]
     dark, near, far = (image[100:200, :100].mean() for image in images)
     assert dark < far < near
