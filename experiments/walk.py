@@ -10,11 +10,9 @@ if __name__ == "__main__":
     configure_rendering()
 
 import dataclasses
-import time
 from dataclasses import dataclass
 from typing import Annotated
 
-import jax
 import mujoco
 import numpy as np
 import tyro
@@ -23,18 +21,16 @@ from experiments.shared.console import console, exit_with, progress_bar, say, st
 from experiments.shared.scene_episode import run_scene_episode
 from experiments.shared.walk_options import EpisodeOptions, SharedOptions, WalkOptions, option_values, refuse_others
 from experiments.shared.walk_output import film, print_figures, push_forces, save_figures, save_pictures
+from iwalker_jax.api import measure_walk, simulate_walk
 from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import CheckpointError, InputError
-from iwalker_jax.evaluation.walks import robot_rows, walk_metrics, walk_record
 from iwalker_jax.walking import (
     BatchResult,
     Conditions,
     Walk,
     Walker,
-    WalkProgram,
     default_walker,
     make_walk,
-    roll_out_mujoco,
     sample_conditions,
     save_dump,
 )
@@ -72,16 +68,17 @@ def simulate(
 ) -> BatchResult:
     """The walk on the chosen engine, progress shown."""
     if options.engine == "mujoco":
-        interval = walker.controller.time_step * 10
         say(f"Walking {walk.seconds:.1f} s on C MuJoCo ...")
-        began = time.perf_counter()
-        sample = roll_out_mujoco(walker, model, conditions, walk.plan, round(walk.seconds / interval), 10)
-        return BatchResult(jax.tree.map(np.asarray, sample), time.perf_counter() - began, 0.0, ())
-    program = WalkProgram(walker, options.robots, walk.plan.yaws.shape[-1], options.devices)
+        return simulate_walk(walker, model, walk, conditions, "mujoco")
     with progress_bar("simulated seconds", round(walk.seconds)) as advance:
         advance(0, "compiling, a minute or two the first time")
-        return program.run(
-            conditions, walk.plan, walk.seconds, lambda done, up: advance(round(done), f"{up} robots up")
+        return simulate_walk(
+            walker,
+            model,
+            walk,
+            conditions,
+            devices=options.devices,
+            on_progress=lambda done, up: advance(round(done), f"{up} robots up"),
         )
 
 
@@ -109,10 +106,7 @@ def finish(
 ) -> None:
     """Figures, files, pictures and video of a finished simulation."""
     options, shared = command.walk, command.shared
-    step_time = float(walker.controller.gait.hlip.step_time)
-    limits = np.asarray(walker.controller.actuation.limits)
-    rows = [robot_rows(result.sample, k) for k in range(options.robots)]
-    metrics = [walk_metrics(row, walk.plan, limits, step_time) for row in rows]
+    records, metrics = measure_walk(walker, walk, conditions, result)
     console.print()
     figures = print_figures(metrics, result)
     save_figures(shared.out, option_values(command), walk, conditions, metrics, figures, result)
@@ -122,23 +116,10 @@ def finish(
             "iwalker_jax.walking.load_dump reads it."
         )
         save_dump(shared.out / "nan_dump.npz", walker, broken)
-    records = [
-        walk_record(
-            row,
-            walk.plan,
-            limits,
-            step_time,
-            abs(walk.speed),
-            walk.path,
-            (float(conditions.push_start[k]),) if shared.disturbances.push_impulse else (),
-            float(conditions.friction[k]),
-        )
-        for k, row in enumerate(rows[:_GRID])
-    ]
-    save_pictures(shared.out, records, f"{options.motion.motion().kind}, {options.engine}")
+    save_pictures(shared.out, records[:_GRID], f"{options.motion.motion().kind}, {options.engine}")
     video = shared.out / "walk.mp4" if shared.video else None
     pushes = push_forces(conditions, 0, records[0].time)
-    film(video, options.view, model, records[0], np.asarray(rows[0].qpos), pushes)
+    film(video, options.view, model, records[0], np.asarray(result.sample.qpos[0]), pushes)
     say(f"Figures, pictures and records are in {shared.out}.")
 
 

@@ -1,5 +1,6 @@
 """What `walk` leaves behind: printed figures, summary, records, pictures and video."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from iwalker_jax.walking import BatchResult, Conditions, Walk, WalkRecord
 _ERRORS = (("footstep", "Footstep error", "cm"), ("COM", "COM error", "cm"), ("heading", "Heading error", "deg"))
 
 
-def print_figures(metrics: list[WalkMetrics], result: BatchResult) -> dict[str, float]:
+def print_figures(metrics: Sequence[WalkMetrics], result: BatchResult) -> dict[str, float]:
     """Print the figures of all robots and return them by column title."""
     row = summarise(metrics)
     off = f"off by {row['speed error %']:.1f} %"
@@ -50,7 +51,7 @@ def save_figures(
     options: dict[str, Any],
     walk: Walk,
     conditions: Conditions,
-    metrics: list[WalkMetrics],
+    metrics: Sequence[WalkMetrics],
     row: dict[str, float],
     result: BatchResult,
 ) -> None:
@@ -85,7 +86,7 @@ def finite_or_none(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def save_pictures(folder: Path, records: list[WalkRecord], title: str) -> None:
+def save_pictures(folder: Path, records: Sequence[WalkRecord], title: str) -> None:
     """The first robot's sheet walk.png, and traces.png of several robots."""
     save_walk_sheet(records[0], folder / "walk.png", title)
     if len(records) > 1:

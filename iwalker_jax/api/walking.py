@@ -60,7 +60,7 @@ def walk(
         motion: what to walk, or its kind alone.
         robots: that walk it, each with conditions of its own.
         sensors: `none` feeds the true state back, the others walk on the estimate from simulated sensors.
-        engine: MJX for many robots, or C MuJoCo for one.
+        engine: MJX, which is compiled for many robots, or C MuJoCo, which steps one after the other.
         disturbances: from which friction, mass, start and pushes are drawn.
         gait: of the controller.
         seed: of conditions and sensors.
@@ -68,7 +68,7 @@ def walk(
         on_progress: hears of the simulated time [s] and of the robots still up; MJX only.
 
     Raises:
-        InputError: for options out of range, a bad file, footsteps out of reach, or many robots on C MuJoCo.
+        InputError: for options out of range, a bad file, or footsteps out of reach.
     """
     walker, model = default_walker(sensors, gait)
     gait = walker.controller.gait
@@ -94,21 +94,18 @@ def simulate_walk(
         walker: the robot, and model: the same for the C engine, as from `default_walker`.
         commanded: what to walk.
         conditions: batch first.
-        engine: MJX for many robots, or C MuJoCo for one.
+        engine: MJX, which is compiled for many robots, or C MuJoCo, which steps one after the other.
         devices: number of devices, all by default; MJX only.
         on_progress: hears of the simulated time [s] and of the robots still up; MJX only.
 
     Raises:
-        InputError: for another engine, or many robots on C MuJoCo.
+        InputError: for another engine.
     """
-    robots = conditions.friction.shape[0]
     if engine not in get_args(Engine):
         raise InputError(f"Unknown engine {engine!r}; choose {' or '.join(get_args(Engine))}.")
     if engine == "mjx":
-        program = WalkProgram(walker, robots, commanded.plan.yaws.shape[-1], devices, every=_EVERY)
+        program = WalkProgram(walker, len(conditions.friction), commanded.plan.yaws.shape[-1], devices, every=_EVERY)
         return program.run(conditions, commanded.plan, commanded.seconds, on_progress)
-    if robots != 1:
-        raise InputError(f"C MuJoCo walks one robot at a time, not {robots}; use the engine mjx.")
     began = time.perf_counter()
     samples = round(commanded.seconds / (walker.controller.time_step * _EVERY))
     sample = roll_out_mujoco(walker, model, conditions, commanded.plan, samples, _EVERY)

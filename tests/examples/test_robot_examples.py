@@ -6,7 +6,7 @@ from tests.examples.example_runs import is_picture, numbers, run
 
 
 def test_walk(tmp_path):
-    text = run("walk", tmp_path, "--speed", "0.2", "--distance", "0.4", "--out", "out")
+    text = run("walk", tmp_path, "--speed", "0.2", "--distance", "0.4", "--sensors", "none", "--out", "out")
     made, planned = numbers(text)[:2]
     assert made == planned > 4
     assert "fallen: False" in text
