@@ -13,6 +13,11 @@ configure_rendering()
 import jax  # noqa: E402
 import jaxtyping  # noqa: E402
 
+import tests.type_checker  # noqa: E402, F401
+
+# From here on every module of the library is imported with its types and shapes checked at each call.
+jaxtyping.install_import_hook("iwalker_jax", "tests.type_checker.checked")
+
 from bruce_model import load_mujoco  # noqa: E402
 from iwalker_jax.navigation.body_volume import load_body_volume  # noqa: E402
 
