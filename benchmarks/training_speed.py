@@ -102,7 +102,7 @@ def lower_levels(config: TrainConfig, batch: TrainingBatch, plan: Any) -> dict[s
 
     def step_tracking(footsteps: jax.Array, state: RobotState) -> jax.Array:
         planes = pre_impact_planes(state, config.planner.hlip)
-        best = solve_step_mpc(footsteps, planes, config.planner.hlip, models.step_weights, config.gradient)
+        best = solve_step_mpc(footsteps, planes, config.planner.hlip, config.planner.step_weights, config.gradient)
         return jnp.sum((footsteps - best.value.footsteps) ** 2)
 
     unicycle = jax.jit(jax.vmap(jax.value_and_grad(path_tracking)))

@@ -20,7 +20,7 @@ from iwalker_jax.training import TrainConfig, prepare, train
 
 def write_views(folder: Path, count: int) -> Path:
     """A folder of rendered depth images, named in order."""
-    for k, depth in enumerate(generate_training_frames(count, families=("lobby", "corridor")).depth_metres()):
+    for k, depth in enumerate(generate_training_frames(count, families=("lobby", "open_office")).depth_metres()):
         iw.write_depth(folder / f"{k:06d}.png", depth)
     return folder
 

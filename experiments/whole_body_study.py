@@ -97,7 +97,7 @@ def trained(label: str, config: TrainConfig, data: TrainingData, folder: Path) -
 
 def footstep_terms(planner: Planner, data: TrainingData, config: TrainConfig) -> WholeBodyLosses:
     """Means of the whole-body losses over the footsteps of some frames, each with a robot state of its own."""
-    controlled, width = load_controlled_robot(config.planner.hlip), config.planner.steps.width
+    controlled, width = load_controlled_robot(config.planner), config.planner.steps.width
     index = jnp.arange(min(FRAMES, data.depth.shape[0]))
     batch = gather_batch(data, index, jax.random.key(1), False, config.planner)
 

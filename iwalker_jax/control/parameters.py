@@ -65,7 +65,7 @@ class GaitParameters:
     """
 
     hlip: HlipParameters = HlipParameters()
-    mpc: StepMpcWeights = StepMpcWeights(orbit_position=30.0, orbit_velocity=1.0)
+    mpc: StepMpcWeights = StepMpcWeights()
     horizon: int = 6
     feedback: bool = True
     reach: StepReach = StepReach(sagittal=0.30, lateral_min=0.045, lateral_max=0.26)

@@ -50,8 +50,8 @@ def make_navigator(
 
     Args:
         policy: name of one.
-        planner: trained networks; the classical policy uses their iStepper alone. Camera, foot placement and step time
-            are those that they were trained with.
+        planner: trained networks; the classical policy uses their iStepper alone. Camera, foot placement, step time
+            and step MPC are those that they were trained with.
         sensors: `none` walks on the true state, the others on the estimate.
         depth_noise: whether the camera is as noisy as a real one.
         loop: clocks and ends of an episode.
@@ -62,7 +62,8 @@ def make_navigator(
     if policy not in POLICIES:
         raise InputError(f"Unknown policy {policy!r}; choose one of {', '.join(POLICIES)}.")
     guidance, pursuit, feedback = POLICIES[policy]
-    walker, model = default_walker(sensors, GaitParameters(hlip=planner.config.hlip, feedback=feedback))
+    gait = GaitParameters(hlip=planner.config.hlip, mpc=planner.config.step_weights, feedback=feedback)
+    walker, model = default_walker(sensors, gait)
     return Navigator(
         walker=walker,
         camera=load_camera(model),

@@ -1,8 +1,8 @@
-"""The models that losses and metrics share: unicycle, step MPC, body."""
+"""The models that losses and metrics share beside the planner's own: unicycle, body."""
 
 from dataclasses import dataclass
 
-from iwalker_jax.optimization import StepMpcWeights, UnicycleParameters
+from iwalker_jax.optimization import UnicycleParameters
 from iwalker_jax.perception import TraversalParameters
 
 
@@ -12,14 +12,12 @@ class PlannerModels:
 
     Attributes:
         unicycle: the path MPC.
-        step_weights: of the step MPC; its pendulum is the planner's own, `PlannerConfig.hlip`.
         traversal: cost of walking through the map.
         safety_margin: [m] clearance beyond the body radius that the collision terms ask for.
         blind_walking: extra cost per metre of a path (not of the cost-to-go) through space that was not seen.
     """
 
     unicycle: UnicycleParameters = UnicycleParameters()
-    step_weights: StepMpcWeights = StepMpcWeights()
     traversal: TraversalParameters = TraversalParameters()
     safety_margin: float = 0.10
     blind_walking: float = 4.5

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import hermite_path
-from iwalker_jax.optimization import HlipParameters
+from iwalker_jax.optimization import HlipParameters, StepMpcWeights
 from iwalker_jax.perception import CameraMount, check_depth_image, clean_depth
 from iwalker_jax.planning.ipath import IPath, IPathConfig
 from iwalker_jax.planning.istepper import IStepper, IStepperConfig
@@ -36,12 +36,14 @@ class PlannerConfig:
         istepper: iStepper's size.
         steps: foot placement.
         hlip: pendulum whose robot states iStepper sees; its single-support time is the step time of the walk.
+        step_weights: of the step MPC on that pendulum, which teaches iStepper and keeps the walk on its footsteps.
     """
 
     ipath: IPathConfig = IPathConfig()
     istepper: IStepperConfig = IStepperConfig()
     steps: StepGeometry = StepGeometry()
     hlip: HlipParameters = HlipParameters()
+    step_weights: StepMpcWeights = StepMpcWeights()
 
 
 class Plan(NamedTuple):

@@ -176,12 +176,12 @@ def step_losses(
         path: the path that they follow.
         state: of this robot.
         maps: of this frame.
-        planner: foot placement and pendulum.
+        planner: foot placement, pendulum and the step MPC's weights.
         models: lower-level models.
         gradient: how the step MPC is differentiated.
     """
     planes = pre_impact_planes(state, planner.hlip)
-    solution = solve_step_mpc(footsteps, planes, planner.hlip, models.step_weights, gradient)
+    solution = solve_step_mpc(footsteps, planes, planner.hlip, planner.step_weights, gradient)
     tracking = jnp.mean(jnp.sum((footsteps - solution.value.footsteps) ** 2, axis=-1))
 
     geometry = planner.steps

@@ -193,7 +193,7 @@ def _ppo_step(config: TrainConfig, optimiser: optax.GradientTransformationExtraA
 
 
 def _controlled_robot(config: TrainConfig) -> ControlledRobot | None:
-    return load_controlled_robot(config.planner.hlip) if config.weights.uses_whole_body else None
+    return load_controlled_robot(config.planner) if config.weights.uses_whole_body else None
 
 
 def _step_key(state: TrainState) -> Array:

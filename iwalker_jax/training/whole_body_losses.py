@@ -27,8 +27,8 @@ from iwalker_jax.control import (
     solve_whole_body,
 )
 from iwalker_jax.geometry import Side, other_side
-from iwalker_jax.optimization import HlipParameters, pendulum_flow
-from iwalker_jax.planning import RobotState
+from iwalker_jax.optimization import pendulum_flow
+from iwalker_jax.planning import PlannerConfig, RobotState
 from iwalker_jax.robot import LEG_COUNT, RobotModel, load_robot, place_robot, rigid_body_terms
 
 SWING_PHASES = (0.25, 0.75)
@@ -101,10 +101,10 @@ class InstantSolution(NamedTuple):
     converged: Bool[Array, ""]
 
 
-def load_controlled_robot(hlip: HlipParameters = HlipParameters()) -> ControlledRobot:
-    """BRUCE and its walking controller on a pendulum, in JAX's present precision."""
+def load_controlled_robot(planner: PlannerConfig = PlannerConfig()) -> ControlledRobot:
+    """BRUCE and the controller that walks on a planner's footsteps, in JAX's present precision."""
     robot = load_robot(load_mujoco())
-    return ControlledRobot(robot, make_controller(robot, GaitParameters(hlip=hlip)))
+    return ControlledRobot(robot, make_controller(robot, GaitParameters(hlip=planner.hlip, mpc=planner.step_weights)))
 
 
 def whole_body_losses(

@@ -13,7 +13,7 @@ from iwalker_jax.data.frame_set import FrameSet
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.frames.sequences import evaluate_sequence
 from iwalker_jax.navigation.navigators import make_navigator
-from iwalker_jax.optimization.steps.hlip import HlipParameters
+from iwalker_jax.optimization import HlipParameters, StepMpcWeights
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.planning.ipath import IPathConfig
 from iwalker_jax.planning.models import PlannerModels
@@ -27,6 +27,7 @@ OTHER = PlannerConfig(
     ipath=IPathConfig(trunk_width=4, hidden=8, camera=dataclasses.replace(Intrinsics(), fx=100.0, fy=100.0)),
     steps=StepGeometry(length=0.06, width=0.12, count=12),
     hlip=HlipParameters(single_support_time=0.3, com_height=0.355),
+    step_weights=StepMpcWeights(orbit_position=30.0),
 )
 """Nothing about it is the default."""
 
@@ -42,15 +43,15 @@ def test_a_navigator_walks_and_sees_as_its_planner_was_trained(planner, policy):
     navigator = make_navigator(policy, planner)
     controller = navigator.walker.controller
     assert navigator.intrinsics == OTHER.ipath.camera
-    assert controller.gait.hlip == OTHER.hlip
+    assert controller.gait.hlip == OTHER.hlip and controller.gait.mpc == OTHER.step_weights
     assert float(controller.gains.rate) == pytest.approx(np.sqrt(9.81 / 0.355), rel=1e-6)
 
 
 def test_whole_body_losses_judge_steps_of_the_configured_time():
     """Oracle: the pendulum at mid-stance moves farther in a longer step, p cosh(lambda t) with p at touchdown."""
     state = RobotState(jnp.asarray([0.0, -0.05]), jnp.zeros(2), jnp.ones(()), jnp.zeros(()))
-    robot = load_controlled_robot(OTHER.hlip)
-    assert robot.controller.gait.hlip == OTHER.hlip
+    robot = load_controlled_robot(OTHER)
+    assert robot.controller.gait.hlip == OTHER.hlip and robot.controller.gait.mpc == OTHER.step_weights
     com = swing_instants(robot, jnp.tile(jnp.asarray([0.0, -0.1]), (6, 1)), state, 0.1).com[:2, 1]
     rate = np.sqrt(9.81 / 0.355)
     np.testing.assert_allclose(com, -0.05 * np.cosh(rate * 0.3 * np.asarray([0.25, 0.75])), rtol=1e-5)

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.geometry import arc_length, resample_by_arc_length, safe_norm, to_world
-from iwalker_jax.optimization import HlipParameters, initial_state_from_reference, solve_step_mpc, solve_unicycle
+from iwalker_jax.optimization import initial_state_from_reference, solve_step_mpc, solve_unicycle
 from iwalker_jax.perception import PUBLISHED_GRID, UNREACHABLE, sample_bilinear
-from iwalker_jax.planning import PlannerModels, RobotState, pre_impact_planes
+from iwalker_jax.planning import PlannerConfig, PlannerModels, RobotState, pre_impact_planes
 from iwalker_jax.scenes import RouteMap, SceneArrays, cost_at, obstacle_distance, straight_line_clearance
 
 GOAL_TOLERANCE = 0.3
@@ -63,7 +63,7 @@ def plan_metrics(
     footsteps: Float[Array, "m 2"],
     state: RobotState,
     published: Float[Array, "rows columns"],
-    hlip: HlipParameters,
+    planner: PlannerConfig,
     models: PlannerModels,
 ) -> tuple[PlanMetrics, Float[Array, "n 2"]]:
     """The paper's metrics of one plan, and the path after the unicycle MPC.
@@ -74,8 +74,8 @@ def plan_metrics(
         footsteps: [m] predicted.
         state: of the robot.
         published: the frame's published collision map.
-        hlip: pendulum of the step MPC.
-        models: of the two MPCs.
+        planner: pendulum and weights of the step MPC.
+        models: the unicycle's.
     """
     reference = resample_by_arc_length(path, path.shape[0])
     tracked = solve_unicycle(reference, initial_state_from_reference(reference), models.unicycle, "stopped").value.path
@@ -84,7 +84,8 @@ def plan_metrics(
     knots = jnp.concatenate([jnp.zeros_like(waypoints[:1]), waypoints])
     segments = safe_norm(jnp.diff(knots, axis=0))
     stability = 1000.0 * jnp.var(segments / jnp.maximum(jnp.mean(segments), 1e-6))
-    steps = solve_step_mpc(footsteps, pre_impact_planes(state, hlip), hlip, models.step_weights, "stopped")
+    planes = pre_impact_planes(state, planner.hlip)
+    steps = solve_step_mpc(footsteps, planes, planner.hlip, planner.step_weights, "stopped")
     return PlanMetrics(feasibility, collision, stability, steps.value.cost), tracked
 
 

@@ -190,7 +190,7 @@ def _plan_batch(
     maps = jax.vmap(lambda d, m: build_local_map(d, m, config.ipath.camera))(depth, mounts)
     state = jax.vmap(lambda key: sample_robot_state(key, config.steps, config.hlip))(keys)
     plan = network.merge()(depth, goals, state, mounts)
-    score = jax.vmap(lambda p, w, s, x, m: plan_metrics(p, w, s, x, m, config.hlip, models))
+    score = jax.vmap(lambda p, w, s, x, m: plan_metrics(p, w, s, x, m, config, models))
     metrics, tracked = score(plan.path, plan.waypoints, plan.footsteps, state, maps.published)
     return plan, tracked, metrics, state.stance_sign, maps
 

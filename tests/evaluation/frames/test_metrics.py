@@ -14,11 +14,11 @@ from iwalker_jax.evaluation.frames.metrics import (
     to_world,
     true_metrics,
 )
-from iwalker_jax.optimization import HlipParameters, solve_step_mpc
+from iwalker_jax.optimization import HlipParameters, StepMpcWeights, solve_step_mpc
 from iwalker_jax.perception.grid import PUBLISHED_GRID
 from iwalker_jax.planning.footsteps import nominal_footsteps
 from iwalker_jax.planning.models import PlannerModels
-from iwalker_jax.planning.planner import waypoints_to_path
+from iwalker_jax.planning.planner import PlannerConfig, waypoints_to_path
 from iwalker_jax.planning.robot_state import RobotState, StepGeometry, pre_impact_planes
 from iwalker_jax.scenes.routes import shortest_distance
 from iwalker_jax.scenes.scene import Scene
@@ -36,7 +36,7 @@ def planned():
     footsteps, _ = nominal_footsteps(path, STATE.stance_sign, StepGeometry())
     x, y = (low + (np.arange(100) + 0.5) * 0.1 for low in (PUBLISHED_GRID.x_min, PUBLISHED_GRID.y_min))
     published = np.exp(-((x[:, None] - 1.5) ** 2 + (y - 0.2) ** 2)).astype(np.float32)
-    score = jax.jit(lambda *arguments: plan_metrics(*arguments, HlipParameters(), MODELS))
+    score = jax.jit(lambda *arguments: plan_metrics(*arguments, PlannerConfig(), MODELS))
     return path, footsteps, published, *score(path, jnp.asarray(WAYPOINTS), footsteps, STATE, jnp.asarray(published))
 
 
@@ -71,14 +71,14 @@ def test_hlip_cost_is_the_step_mpcs_own(planned):
     """Oracle: the solver called directly."""
     _, footsteps, _, metrics, _ = planned
     planes = pre_impact_planes(STATE, HlipParameters())
-    direct = solve_step_mpc(footsteps, planes, HlipParameters(), MODELS.step_weights, "stopped").value.cost
+    direct = solve_step_mpc(footsteps, planes, HlipParameters(), StepMpcWeights(), "stopped").value.cost
     assert float(metrics.hlip_cost) == pytest.approx(float(direct), rel=1e-3)
 
 
 def test_an_even_straight_path_is_feasible_and_stable(planned):
     """Oracle: a straight line at constant speed is its own unicycle optimum."""
     waypoints = jnp.stack([jnp.linspace(0.5, 2.5, 5), jnp.zeros(5)], axis=1)
-    score = jax.jit(lambda *arguments: plan_metrics(*arguments, HlipParameters(), MODELS))
+    score = jax.jit(lambda *arguments: plan_metrics(*arguments, PlannerConfig(), MODELS))
     path = waypoints_to_path(waypoints[None])[0]
     metrics, tracked = score(path, waypoints, planned[1], STATE, jnp.asarray(planned[2]))
     assert float(metrics.feasibility) < 1e-3
