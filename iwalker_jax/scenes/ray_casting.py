@@ -36,7 +36,7 @@ def render_depth(
     intrinsics: Intrinsics,
     R_world_camera: Float[Array, "3 3"],
     p_world_camera: Float[Array, " 3"],
-    max_depth: float = 10.0,
+    max_depth: float | Float[Array, ""] = 10.0,
 ) -> Float[Array, "height width"]:
     """Ideal z-depth image [m] of one scene from one pose; 0 where nothing lies within `max_depth`.
 
