@@ -11,13 +11,22 @@ import numpy as np
 from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks import WalkMetrics, robot_rows, walk_metrics, walk_record
-from iwalker_jax.walking import Walker
-from iwalker_jax.walking.batch import BatchResult, WalkProgram
-from iwalker_jax.walking.commands import Motion, MotionKind, Walk, make_walk
-from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
-from iwalker_jax.walking.record import WalkRecord
-from iwalker_jax.walking.rollout import Conditions
-from iwalker_jax.walking.setup import Disturbances, Sensors, default_walker, sample_conditions
+from iwalker_jax.walking import (
+    BatchResult,
+    Conditions,
+    Disturbances,
+    Motion,
+    MotionKind,
+    Sensors,
+    Walk,
+    Walker,
+    WalkProgram,
+    WalkRecord,
+    default_walker,
+    make_walk,
+    roll_out_mujoco,
+    sample_conditions,
+)
 
 Engine = Literal["mjx", "mujoco"]
 

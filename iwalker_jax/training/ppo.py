@@ -114,8 +114,8 @@ class ActorCritic(nnx.Module):
 
 
 def log_density(
-    actions: Float[Array, "*batch k 2"], mean: Float[Array, "*batch k 2"], log_deviation: Float[Array, "k 2"]
-) -> Float[Array, "*batch"]:
+    actions: Float[Array, "*#batch k 2"], mean: Float[Array, "*#batch k 2"], log_deviation: Float[Array, "k 2"]
+) -> Float[Array, "*#batch"]:
     """Logarithm of the Gaussian policy's density at waypoints [m]."""
     standard = (actions - mean) * jnp.exp(-log_deviation)
     return -jnp.sum(0.5 * standard**2 + log_deviation + 0.5 * np.log(2 * np.pi), axis=(-2, -1))

@@ -15,7 +15,7 @@ def test_options_win_over_the_environment():
     environment = {"IWALKER_COORDINATOR": "far:1", "IWALKER_PROCESSES": "4", "IWALKER_PROCESS": "3"}
     assert ProcessGroup().this_process({}) is None
     assert ProcessGroup().this_process(environment) == DistributedProcess("far", 1, 3, 4, 300.0)
-    assert ProcessGroup("[::1]:8476", process=0, join_timeout=5).this_process(environment) == DistributedProcess(
+    assert ProcessGroup("[::1]:8476", process=0, join_timeout=5.0).this_process(environment) == DistributedProcess(
         "::1", 8476, 0, 4, 5
     )
 
