@@ -1,5 +1,6 @@
 """Shared test setup: the library's own process settings, before anything imports JAX."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,8 @@ import jaxtyping  # noqa: E402
 import tests.type_checker  # noqa: E402, F401
 
 # From here on every module of the library is imported with its types and shapes checked at each call.
-jaxtyping.install_import_hook("iwalker_jax", "tests.type_checker.checked")
+if os.environ.get("IWALKER_CHECK_TYPES", "1") != "0":
+    jaxtyping.install_import_hook("iwalker_jax", "tests.type_checker.checked")
 
 from bruce_model import load_mujoco  # noqa: E402
 from iwalker_jax.navigation.body_volume import load_body_volume  # noqa: E402

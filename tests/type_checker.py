@@ -1,5 +1,16 @@
-"""What checks the library's annotations when tests call it: beartype, for which a whole number is also a float."""
+"""What checks the library's annotations when tests call it: beartype, for which NumPy's scalars are numbers too."""
 
-from beartype import BeartypeConf, beartype
+import numpy as np
+from beartype import BeartypeConf, BeartypeHintOverrides, beartype
 
-checked = beartype(conf=BeartypeConf(is_pep484_tower=True))
+checked = beartype(
+    conf=BeartypeConf(
+        hint_overrides=BeartypeHintOverrides(
+            {
+                bool: bool | np.bool_,
+                int: int | np.integer,
+                float: float | int | np.floating | np.integer,
+            }
+        )
+    )
+)

@@ -66,7 +66,7 @@ def render_depth(
 
 
 def _view_planes(
-    intrinsics: Intrinsics, R_world_camera: Float[Array, "3 3"], max_depth: float
+    intrinsics: Intrinsics, R_world_camera: Float[Array, "3 3"], max_depth: float | Float[Array, ""]
 ) -> tuple[Float[Array, "6 3"], Float[Array, " 6"]]:
     # The view volume is {x: normal . (x - p) + offset >= 0 for all six planes}: sides, near and far.
     left, right = -intrinsics.cx / intrinsics.fx, (intrinsics.width - 1 - intrinsics.cx) / intrinsics.fx

@@ -138,8 +138,8 @@ def test_gradients_of_positions_and_rotations(x64, bruce_mujoco, bruce_volume):
     data = mujoco.MjData(bruce_mujoco)
     mujoco.mj_forward(bruce_mujoco, data)
     rotations = jnp.asarray(data.xmat.reshape(-1, 3, 3))
-    boxes = [[0.4, 0.1, 0.3, 0.1, 0.2, 0.3, 0.3], [2.0, 0.0, 0.5, 0.2, 0.2, 0.5, 0.0]]
-    scene = Scene("two", "test", boxes, [[-0.4, 0.0, 0.2, 0.1, 0.2]], (-3.0, -3.0, 3.0, 3.0)).arrays()
+    boxes = np.array([[0.4, 0.1, 0.3, 0.1, 0.2, 0.3, 0.3], [2.0, 0.0, 0.5, 0.2, 0.2, 0.5, 0.0]])
+    scene = Scene("two", "test", boxes, np.array([[-0.4, 0.0, 0.2, 0.1, 0.2]]), (-3.0, -3.0, 3.0, 3.0)).arrays()
     clearance = jax.jit(lambda p, r: body_clearance(bruce_volume, p, r, scene))
     for shift in ([0.0, 0.02, 0.0], [0.22, 0.07, 0.0], [-0.4, 0.01, 0.0]):
         positions = jnp.asarray(data.xpos + shift)

@@ -27,6 +27,8 @@ _CURVATURE_FLOOR = 0.1
 # A start is given up when even this many times the promised decrease would leave it behind the best one. Promises far
 # from an optimum say little about the end: smaller factors miss it more often.
 _OPTIMISM = 100.0
+# A model that promises the cost to rise by more than this share of it has exploded on its way back.
+_BROKEN_PROMISE = 1e-3
 # The coarse grid's answer is only a start, so it need not be better than this.
 _COARSE_TOLERANCE = 0.03
 _COARSE_ITERATIONS = 16
@@ -62,6 +64,11 @@ def residual(iterate: Iterate, inputs: TrackingInputs, parameters: UnicycleParam
     return jnp.sqrt(2 * promised / (iterate.cost + floor))
 
 
+def _credible(promised: Float[Array, " lanes"], cost: Float[Array, " lanes"]) -> Float[Array, " lanes"]:
+    """The promised decreases, NaN where the model broke down: such a lane is neither finished nor hopeless."""
+    return jnp.where(promised < -_BROKEN_PROMISE * cost, jnp.nan, promised)
+
+
 def begin(
     inputs: TrackingInputs,
     speed: Float[Array, "n lanes"],
@@ -84,7 +91,7 @@ def begin(
         trajectory, reference, inputs.weights, zero, _CURVATURE_FLOOR, grid, parameters
     )
     count = jnp.zeros(zero.shape, jnp.int32)
-    return Iterate(trajectory, cost, law, promised, jnp.min(inverse.curvature, axis=0), zero, count)
+    return Iterate(trajectory, cost, law, _credible(promised, cost), jnp.min(inverse.curvature, axis=0), zero, count)
 
 
 def advance(
@@ -124,7 +131,7 @@ def advance(
     )
     curvature = jnp.min(inverse.curvature, axis=0)
     cost = jnp.where(accepted, least, iterate.cost)
-    return Iterate(trajectory, cost, law, promised, curvature, damping, iterate.iterations + active)
+    return Iterate(trajectory, cost, law, _credible(promised, cost), curvature, damping, iterate.iterations + active)
 
 
 def _improve(
