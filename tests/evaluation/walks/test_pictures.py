@@ -153,7 +153,7 @@ def test_footstep_errors_and_friction_ratios_and_speeds():
         ("time", np.zeros(400), "does not increase"),
     ],
 )
-def test_records_that_do_not_fit_together(name, value, words):
+def test_records_that_do_not_fit_together(name, value, words, unchecked_types):
     with pytest.raises(InputError, match=words):
         dataclasses.replace(make_walk(), **{name: value})
 
