@@ -16,8 +16,8 @@ import jaxtyping  # noqa: E402
 
 import tests.type_checker  # noqa: E402, F401
 
-# From here on every module of the library is imported with its types and shapes checked at each call.
-if os.environ.get("IWALKER_CHECK_TYPES", "1") != "0":
+# If asked for, every module imported from here on has its types and shapes checked at each call.
+if os.environ.get("IWALKER_CHECK_TYPES") == "1":
     jaxtyping.install_import_hook("iwalker_jax", "tests.type_checker.checked")
 
 from bruce_model import load_mujoco  # noqa: E402

@@ -19,6 +19,7 @@ from experiments.shared.walk_options import EpisodeOptions, SharedOptions, WalkO
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.body_volume import load_body_volume
 from iwalker_jax.navigation.record import Outcome
+from iwalker_jax.perception import Intrinsics
 from iwalker_jax.tasks.named import demonstration
 from iwalker_jax.tasks.routes import time_limit
 from iwalker_jax.walking import Motion
@@ -45,6 +46,7 @@ class Program:
 def pretended(monkeypatch):
     class Navigator:
         volume = load_body_volume(load_mujoco())
+        intrinsics = Intrinsics()
 
     monkeypatch.setattr(Program, "made", [])
     monkeypatch.setattr(scene_episode, "EpisodeProgram", Program)

@@ -216,6 +216,20 @@ def test_rotation_and_mirror_symmetry(x64):
     np.testing.assert_allclose(mirrored.controls, plan.controls * jnp.array([-1.0, 1.0]), atol=1e-9)
 
 
+def test_a_point_abeam_in_double_precision():
+    """Oracle: the same plan in single precision. A robot at rest is asked to be 1 m to its left: the quadratic models of
+    some starts break down, which is neither an optimum nor a reason to give them up."""
+    reference = np.tile([[0.0, 1.0]], (100, 1))
+    single = _solve(jnp.asarray(reference, jnp.float32), jnp.zeros(4, jnp.float32), UnicycleParameters())
+    with jax.enable_x64(True):
+        state = jnp.zeros(4, jnp.float64)
+        double = _solve(jnp.asarray(reference), state, UnicycleParameters())
+        slope = jax.grad(lambda r: solve_unicycle(r, state).value.cost)(jnp.asarray(reference))
+        assert int(double.status) == int(single.status) == Status.CONVERGED
+        assert float(double.value.cost) == pytest.approx(float(single.value.cost), rel=1e-3)
+        assert bool(jnp.isfinite(slope).all())
+
+
 def test_two_turns_are_followed_without_wrapping():
     """A path of two full circles (720 degrees): the heading grows past 2 pi without a jump and the path is tracked."""
     reference = _arc_reference(4 * np.pi, length=120.0)
