@@ -11,5 +11,5 @@ _check = beartype(conf=BeartypeConf(hint_overrides=FrozenDict(_NUMBERS)))
 
 
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function with its arguments and result checked; JAX rebuilds dataclasses around placeholders, so not those."""
+    """The function, checked; JAX rebuilds dataclasses around placeholders, so their `__init__` is left as it is."""
     return function if function.__name__ == "__init__" else _check(function)

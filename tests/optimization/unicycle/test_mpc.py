@@ -217,8 +217,8 @@ def test_rotation_and_mirror_symmetry(x64):
 
 
 def test_a_point_abeam_in_double_precision():
-    """Oracle: the same plan in single precision. A robot at rest is asked to be 1 m to its left: the quadratic models of
-    some starts break down, which is neither an optimum nor a reason to give them up."""
+    """Oracle: the same plan in single precision. Quadratic models of some starts break down on the way to a point
+    1 m to the left of a robot at rest, which is neither an optimum nor a reason to give these starts up."""
     reference = np.tile([[0.0, 1.0]], (100, 1))
     single = _solve(jnp.asarray(reference, jnp.float32), jnp.zeros(4, jnp.float32), UnicycleParameters())
     with jax.enable_x64(True):
