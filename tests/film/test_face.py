@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -23,8 +24,10 @@ def test_rendering_is_configured_before_anything_heavy_is_imported():
     assert run.stdout.strip() == "[]"
 
 
-def test_every_name_is_there():
-    assert set(film.__all__) <= set(dir(film)) and len(set(film.__all__)) == len(film.__all__)
+def test_every_name_is_there_and_no_other():
+    rooms = {file.stem for file in Path(film.__file__).parent.glob("*.py")}
+    shown = {name for name in dir(film) if not name.startswith("_")} - rooms - {"TYPE_CHECKING", "lazy_names"}
+    assert set(film.__all__) == shown and len(set(film.__all__)) == len(film.__all__)
     assert all(getattr(film, name).__name__ == name for name in film.__all__)
     with pytest.raises(AttributeError, match="no attribute 'cinema'"):
         film.cinema  # noqa: B018
