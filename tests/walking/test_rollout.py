@@ -33,8 +33,8 @@ def plan():
 
 
 def conditions_for(walker: Walker, count: int) -> Conditions:
-    """Friction 0.5 to 1, masses within 5 %, no pushes, from the home posture at rest."""
-    calm = Disturbances(start_position=0.0, start_velocity=0.0)
+    """Friction 0.5 to 1, masses within 5 %, no push (a force that a test sets acts within the 3 s), from home at rest."""
+    calm = Disturbances(start_position=0.0, start_velocity=0.0, push_after=1.5)
     drawn = sample_conditions(walker.robot, calm, count, seed=0)
     return drawn._replace(friction=jnp.linspace(0.5, 1.0, count), mass_scale=jnp.linspace(0.95, 1.05, count))
 
@@ -79,7 +79,7 @@ def test_walks_on_mjx_with_unknown_friction_and_mass(walker, model, walk, plan):
 def test_a_broken_or_pushed_robot_leaves_its_neighbours_alone(walker, walk):
     clean = conditions_for(walker, 3)
     qvel = clean.qvel.at[1, 0].set(jnp.nan)
-    force = clean.push_force.at[2, 0].set(200.0)
+    force = clean.push_force.at[2, 0].set(200.0)  # 20 N s: 4.5 m/s of a free body of this mass
     alone, disturbed = walk(clean), walk(clean._replace(qvel=qvel, push_force=force))
     np.testing.assert_array_equal(disturbed.qpos[0], alone.qpos[0])
     assert bool(disturbed.fallen[1, -1])
