@@ -33,7 +33,7 @@ def plan():
 
 
 def conditions_for(walker: Walker, count: int) -> Conditions:
-    """Friction 0.5 to 1, masses within 5 %, no push (a force that a test sets acts within the 3 s), from home at rest."""
+    """Friction 0.5 to 1, masses within 5 %, no push (a force set by a test acts within the 3 s), from home at rest."""
     calm = Disturbances(start_position=0.0, start_velocity=0.0, push_after=1.5)
     drawn = sample_conditions(walker.robot, calm, count, seed=0)
     return drawn._replace(friction=jnp.linspace(0.5, 1.0, count), mass_scale=jnp.linspace(0.95, 1.05, count))
