@@ -13,7 +13,16 @@ from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
 from iwalker_jax.data.recordings import load_recording
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, host
-from iwalker_jax.perception import DEFAULT_GRID, UNREACHABLE, Intrinsics, build_local_map, cost_to_go, halved, pool_2x2
+from iwalker_jax.perception import (
+    DEFAULT_GRID,
+    UNREACHABLE,
+    Intrinsics,
+    build_local_map,
+    cost_to_go,
+    halved,
+    pool_2x2,
+    trusted_cost,
+)
 
 _GRID = halved(DEFAULT_GRID)
 _NEAREST_GOAL, _FARTHEST_GOAL = 0.6, 6.0
@@ -86,7 +95,8 @@ def _reachable(
     """Cells of the coarse grid that the robot can reach without leaving seen free space."""
     local = build_local_map(depth, mount, camera)
     free = (pool_2x2(local.known_free.astype(jnp.float32)) > 0.99) & (pool_2x2(local.esdf) > BODY.route_radius)
-    return free & (cost_to_go(jnp.where(free, 1.0, jnp.inf), jnp.zeros(2), _GRID).value.cost < UNREACHABLE)
+    to_go = cost_to_go(jnp.where(free, 1.0, jnp.inf), jnp.zeros(2), _GRID)
+    return free & (trusted_cost(to_go) < UNREACHABLE)
 
 
 def _sample_goals(

@@ -27,6 +27,7 @@ from iwalker_jax.perception import (
     signed_distance_field,
     softened,
     traversal_cost,
+    trusted_cost,
 )
 from iwalker_jax.planning import Planner
 
@@ -164,7 +165,7 @@ def route_costs(
     """Cost of the cheapest route to the goal from every cell of the window, halved; through no occupied cell."""
     cost = traversal_cost(pool_2x2(esdf), unseen, parameters.traversal)
     cost = jnp.where(pool_2x2(occupied.astype(esdf.dtype)) > 0, jnp.inf, cost)
-    return cost_to_go(cost, goal, halved(parameters.memory.grid)).value.cost
+    return trusted_cost(cost_to_go(cost, goal, halved(parameters.memory.grid)))
 
 
 def _reachable_near(

@@ -2,7 +2,7 @@
 
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject, camera_pose
 from iwalker_jax.perception.collision_map import DEFAULT_OBSTACLES, ObstacleParameters
-from iwalker_jax.perception.cost_to_go import UNREACHABLE, CostToGo, cost_to_go, descend
+from iwalker_jax.perception.cost_to_go import UNREACHABLE, CostToGo, cost_to_go, descend, trusted_cost
 from iwalker_jax.perception.depth_cleanup import (
     MAX_RANGE,
     check_depth_image,
@@ -57,5 +57,6 @@ __all__ = [
     "signed_distance_field",
     "softened",
     "traversal_cost",
+    "trusted_cost",
     "write_depth",
 ]

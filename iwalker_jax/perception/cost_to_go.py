@@ -50,7 +50,7 @@ def cost_to_go(
     traversal_cost: Float[Array, "rows columns"],
     goal_xy: Float[Array, "2"],
     grid: GridSpec,
-    max_rounds: int = 64,
+    max_rounds: int | None = None,
 ) -> Solution:
     """Cost of the best route from every cell centre to a goal, on the 16-neighbour graph of the module's docstring.
 
@@ -61,17 +61,21 @@ def cost_to_go(
         traversal_cost: cost per metre, positive; infinite or >= `UNREACHABLE` means blocked.
         goal_xy: goal [m] in base.
         grid: where the cells lie.
-        max_rounds: limit on rounds of four sweeps; a bend of the route costs about one.
+        max_rounds: limit on rounds of four sweeps; a bend of the route costs about one. By default as many as the map
+            has cells, which always suffice: every round gets each best route right by at least one more cell.
 
     Returns:
         Solution with a `CostToGo`. Status: CONVERGED; MAX_ITERATIONS if the last round still lowered a cost (costs
-        are then upper bounds); INFEASIBLE if no cell is free; NON_FINITE if the goal is not finite or a cost is NaN
-        or not positive (such cells count as blocked). The residual is the largest decrease in the last round,
-        relative to the largest finite cost. Not differentiable in reverse mode; `gradient_valid` is False.
+        are then upper bounds, and cells not reached yet are marked `UNREACHABLE`); INFEASIBLE if no cell is free;
+        NON_FINITE if the goal is not finite, a cost is NaN or not positive (such cells count as blocked), or a route
+        costs `UNREACHABLE` or more (give costs in a larger unit). `trusted_cost` takes all that into account. The
+        residual is the largest decrease in the last round, relative to the largest finite cost. Not differentiable in
+        reverse mode; `gradient_valid` is False.
 
     Raises:
         InputError: if the map's shape is not the grid's or `max_rounds` is not positive.
     """
+    max_rounds = traversal_cost.size if max_rounds is None else max_rounds
     if traversal_cost.shape != grid.shape or max_rounds < 1:
         raise InputError(
             f"cost_to_go needs a map of the grid's shape {grid.shape} and max_rounds >= 1, "
@@ -86,12 +90,18 @@ def cost_to_go(
     finite = jnp.isfinite(values)
     largest = jnp.max(jnp.where(finite, values, 0.0))
     residual = decrease / jnp.where(largest > 0, largest, 1.0)
-    bad = jnp.any(~(traversal_cost > 0)) | ~jnp.all(jnp.isfinite(goal_xy))
+    bad = jnp.any(~(traversal_cost > 0)) | ~jnp.all(jnp.isfinite(goal_xy)) | (largest >= UNREACHABLE)
     status = jnp.where(decrease > 0, Status.MAX_ITERATIONS, Status.CONVERGED)
     status = jnp.where(jnp.any(free), status, Status.INFEASIBLE)
     status = jnp.where(bad, Status.NON_FINITE, status).astype(jnp.int32)
     value = CostToGo(jnp.where(finite, jnp.minimum(values, UNREACHABLE), UNREACHABLE), goal, offset)
     return Solution(value, status, residual, rounds, jnp.asarray(False))
+
+
+def trusted_cost(solution: Solution) -> Float[Array, "*batch rows columns"]:
+    """The costs of a `cost_to_go` that converged; of any other no route is claimed: `UNREACHABLE` everywhere."""
+    converged = (solution.status == Status.CONVERGED)[..., None, None]
+    return jnp.where(converged, solution.value.cost, UNREACHABLE)
 
 
 def descend(

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY
-from iwalker_jax.perception import UNREACHABLE, GridSpec, cost_to_go
+from iwalker_jax.perception import UNREACHABLE, GridSpec, cost_to_go, trusted_cost
 from iwalker_jax.scenes.scene import MAX_EXTENT, SceneArrays, obstacle_distance, occupancy
 
 SCENE_GRID = GridSpec(x_min=0.0, y_min=0.0, resolution=0.1, rows=int(MAX_EXTENT * 10), columns=int(MAX_EXTENT * 10))
@@ -68,7 +68,7 @@ def route_map(
     tightness = jnp.clip((parameters.comfort - clearance) / (parameters.comfort - parameters.inflated_radius), 0.0, 1.0)
     traversal = jnp.where(free, 1.0 + parameters.discomfort * tightness**2, jnp.inf)
     solution = cost_to_go(traversal, goal_xy - origin, SCENE_GRID)
-    return RouteMap(free, solution.value.cost, origin)
+    return RouteMap(free, trusted_cost(solution), origin)
 
 
 def shortest_distance(

@@ -18,6 +18,7 @@ from iwalker_jax.perception import (
     pool_2x2,
     softened,
     traversal_cost,
+    trusted_cost,
 )
 
 
@@ -76,7 +77,7 @@ def frame_maps(
     local = build_local_map(depth, mount, intrinsics)
     unknown = softened(pool_2x2(local.unknown.astype(jnp.float32)))
     cost = traversal_cost(pool_2x2(local.esdf), unknown, traversal)
-    to_go = jax.vmap(lambda goal: cost_to_go(cost, goal, ROUTE_GRID).value.cost)(goals)
+    to_go = jax.vmap(lambda goal: trusted_cost(cost_to_go(cost, goal, ROUTE_GRID)))(goals)
     routes = jax.vmap(lambda goal, values: best_routes(values, unknown, goal).seen)(goals, to_go)
     return FrameMaps(local.esdf, unknown, to_go, routes, local.published)
 

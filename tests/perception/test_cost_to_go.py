@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization import Status
-from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go, descend
+from iwalker_jax.perception.cost_to_go import UNREACHABLE, cost_to_go, descend, trusted_cost
 from iwalker_jax.perception.grid import GridSpec
 
 GRID = GridSpec(x_min=0.0, y_min=-1.0, resolution=0.1, rows=30, columns=23)
@@ -95,6 +95,57 @@ def test_equals_dijkstra_in_a_winding_corridor():
     solution = compare(cost, (0, 11))
     assert np.all(solution.value.cost[np.isfinite(cost)] < UNREACHABLE)
     assert 4 < solution.iterations < 40
+
+
+def maze_cost(seed, rooms):
+    """A maze without loops, corridors two cells wide and walls one, carved depth first from a corner."""
+    rng = np.random.default_rng(seed)
+    cost = np.full((3 * rooms, 3 * rooms), np.inf, np.float32)
+    path, visited = [(0, 0)], {(0, 0)}
+    cost[:2, :2] = 1.0
+    while path:
+        i, j = path[-1]
+        moves = [(i + a, j + b) for a, b in ((0, 1), (1, 0), (0, -1), (-1, 0))]
+        moves = [m for m in moves if min(m) >= 0 and max(m) < rooms and m not in visited]
+        if not moves:
+            path.pop()
+            continue
+        k, m = moves[rng.integers(len(moves))]
+        low, high = (3 * min(i, k), 3 * min(j, m)), (3 * max(i, k) + 2, 3 * max(j, m) + 2)
+        cost[low[0] : high[0], low[1] : high[1]] = 1.0
+        visited.add((k, m))
+        path.append((k, m))
+    return cost
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_default_limit_suffices_in_a_maze(seed):
+    """Oracle: scipy.sparse.csgraph.dijkstra; the route turns more often than any limit of fixed size allows."""
+    cost = maze_cost(seed, 13)
+    grid = GridSpec(0.0, 0.0, 0.1, *cost.shape)
+    solution = SOLVE(jnp.asarray(cost), jnp.asarray(grid.centres()[0, 0]), grid)
+    expected = dijkstra_costs(cost.astype(float), (0, 0), grid.resolution)
+    assert solution.status == Status.CONVERGED
+    np.testing.assert_allclose(
+        solution.value.cost, np.where(np.isfinite(expected), expected, UNREACHABLE), rtol=1e-4, atol=1e-5
+    )
+
+
+def test_routes_dearer_than_the_mark_of_unreachable_cells_are_not_called_converged():
+    """Oracle: by construction; the same map in a larger unit is solved."""
+    cost = jnp.full(GRID.shape, 9e5)
+    dear = SOLVE(cost, centre((3, 3)), GRID)
+    assert dear.status == Status.NON_FINITE
+    np.testing.assert_array_equal(trusted_cost(dear), UNREACHABLE)
+    fair = SOLVE(cost / 1e5, centre((3, 3)), GRID)
+    assert fair.status == Status.CONVERGED
+    np.testing.assert_array_equal(trusted_cost(fair), fair.value.cost)
+    assert jnp.all(fair.value.cost < UNREACHABLE)
+
+
+def test_no_route_is_claimed_from_a_solve_that_was_cut_short():
+    cut = SOLVE(jnp.asarray(spiral_cost()), centre((0, 11)), GRID, 2)
+    np.testing.assert_array_equal(trusted_cost(cut), UNREACHABLE)
 
 
 def test_round_limit_gives_upper_bounds_and_says_so():
