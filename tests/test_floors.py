@@ -8,7 +8,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS = (
-    ("errors", "constants", "lazy_names", "version"),
+    ("errors", "constants", "lazy_names", "promotion", "version"),
     ("checks", "streams", "runtime", "geometry"),
     ("optimization", "bruce_model"),
     ("perception", "robot"),

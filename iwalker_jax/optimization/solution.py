@@ -55,7 +55,10 @@ class Solution(NamedTuple):
         status: () int32, a `Status`.
         residual: () optimality residual, normalised as the solver documents.
         iterations: () int32, iterations used.
-        gradient_valid: () bool, whether the residual is small enough for implicit derivatives to be trusted.
+        gradient_valid: () bool, whether implicit derivatives can be trusted: solved, the optimum unique, and no
+            constraint about to become active or inactive.
+        margin: () how far the optimum is from losing its derivatives, relative, as the solver documents; infinite
+            where nothing can take them away.
     """
 
     value: Any
@@ -63,3 +66,4 @@ class Solution(NamedTuple):
     residual: Float[Array, ""]
     iterations: Int[Array, ""]
     gradient_valid: Bool[Array, ""]
+    margin: Float[Array, ""]

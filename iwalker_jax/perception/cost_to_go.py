@@ -95,7 +95,7 @@ def cost_to_go(
     status = jnp.where(jnp.any(free), status, Status.INFEASIBLE)
     status = jnp.where(bad, Status.NON_FINITE, status).astype(jnp.int32)
     value = CostToGo(jnp.where(finite, jnp.minimum(values, UNREACHABLE), UNREACHABLE), goal, offset)
-    return Solution(value, status, residual, rounds, jnp.asarray(False))
+    return Solution(value, status, residual, rounds, jnp.asarray(False), jnp.zeros_like(residual))
 
 
 def trusted_cost(solution: Solution) -> Float[Array, "*batch rows columns"]:

@@ -16,6 +16,7 @@ from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.promotion import usual_promotion
 
 _TRIALS = 16
 """Columns k that one loop step tries in one fused operation: enough to hide the step's own cost and memory traffic."""
@@ -24,6 +25,7 @@ _MAX_CELLS = 16_000
 """Largest rows + columns for which distances fit 16 bits and four times their squares 32 bits."""
 
 
+@usual_promotion
 def distance_transform(occupied: Bool[Array, "rows columns"], resolution: float) -> Float[Array, "rows columns"]:
     """Distance [m] from each cell's centre to the nearest occupied cell's centre; 0 in occupied cells.
 
@@ -41,6 +43,7 @@ def distance_transform(occupied: Bool[Array, "rows columns"], resolution: float)
     return _metres(squared, resolution)
 
 
+@usual_promotion
 def signed_distance_field(occupied: Bool[Array, "rows columns"], resolution: float) -> Float[Array, "rows columns"]:
     """Signed distance [m]: positive outside obstacles, negative inside, zero on the faces between cells.
 

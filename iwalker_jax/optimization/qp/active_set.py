@@ -67,6 +67,7 @@ class ActiveSet(NamedTuple):
         matrix: (m, m, *b) the swept tableau.
         solved: (*b,) bool, the rows hold and the multipliers have their signs.
         blocked: (*b,) bool, a violated row cannot be reached: the constraints contradict each other.
+        ray: (m, *b) where blocked, the multipliers of the contradiction (Farkas), else zero.
         pivots: () int, iterations of the longest search.
     """
 
@@ -75,6 +76,7 @@ class ActiveSet(NamedTuple):
     matrix: Float[Array, "m m *b"]
     solved: Bool[Array, "*b"]
     blocked: Bool[Array, "*b"]
+    ray: Float[Array, " m *b"]
     pivots: Int[Array, ""]
 
 
@@ -248,6 +250,13 @@ def _pivot_step(state: _Search, bounds: RowBounds, thresholds: Thresholds) -> _S
     )
 
 
+def _contradiction(state: _Search, bounds: RowBounds) -> Float[Array, " m *b"]:
+    """The multipliers that grow without limit while the row that blocks a search is pushed in vain."""
+    pivot = _choose_row(state, bounds)
+    ray = jnp.where(pivot.mask, 1, jnp.where(state.tableau.sides != 0, -pivot.column, 0))
+    return jnp.where(state.blocked, jnp.where(pivot.upward, ray, -ray), 0)
+
+
 def find_active_set(
     tableau: Tableau,
     bounds: RowBounds,
@@ -280,4 +289,5 @@ def find_active_set(
     )
     matrix, values, sides = state.tableau
     y = jnp.where(sides != 0, values, 0)
-    return ActiveSet(sides, y, matrix, state.solved, state.blocked, state.pivots)
+    ray = jax.lax.cond(jnp.any(state.blocked), lambda: _contradiction(state, bounds), lambda: jnp.zeros_like(y))
+    return ActiveSet(sides, y, matrix, state.solved, state.blocked, ray, state.pivots)

@@ -16,19 +16,36 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.optimization.qp.active_set import ActiveSet, Tableau, Thresholds, find_active_set, row_bounds
 from iwalker_jax.optimization.qp.admm import Splitting, admm
+from iwalker_jax.optimization.qp.certificates import (
+    cancelling,
+    newton_step,
+    proves_infeasible,
+    proves_not_convex,
+    proves_unbounded,
+    violates_least,
+)
 from iwalker_jax.optimization.qp.factor import apply, apply_transposed, factorise, largest
+from iwalker_jax.optimization.qp.scaling import (
+    ProgramArrays,
+    equilibrate,
+    scale_point,
+    scale_program,
+    unscale_point,
+)
 from iwalker_jax.optimization.qp.settings import QpSettings
 from iwalker_jax.optimization.qp.verdicts import (
-    DEPENDENT,
     QpIterate,
     ScaledProgram,
     admissible_multipliers,
     assess,
     keep_better,
-    prove_failure,
+    rate,
 )
 from iwalker_jax.optimization.solution import Status
+from iwalker_jax.promotion import usual_promotion
 
+DEPENDENT = {4: 2e-5, 8: 1e-10}
+"""Schur complement that counts as zero, by the bytes of a number."""
 ELASTIC = {4: 1e-3, 8: 1e-6}  # by the bytes of a number; relative to the unit diagonal of S
 _SLACK, _LOOSE = 20, 1000  # violations taken for rounding: in units of eps, and of that
 
@@ -40,6 +57,8 @@ class _State(NamedTuple):
     elastic: Array
     penalty: Array
     best: QpIterate
+    ray: Array  # multipliers of a contradiction, if a search met one
+    infeasible: Array  # proven
     done: Array
     rounds: Array
 
@@ -60,6 +79,7 @@ class _Refinement(NamedTuple):
     corrections: Array
 
 
+@usual_promotion
 def solve_core(
     settings: QpSettings,
     P: Float[Array, "n n *b"],
@@ -72,6 +92,10 @@ def solve_core(
 ) -> QpIterate:
     """Solve a batch of finite programs with low <= high from the guess (x, y); multipliers are those of C's rows."""
     dtype, batch = q.dtype, q.shape[1:]
+    given = ProgramArrays(P, q, C, low, high)
+    scaling = equilibrate(given)
+    P, q, C, low, high = scale_program(given, scaling)
+    x, y = scale_point(scaling, x, y)
     factor = factorise(P, C)
     # A row of zeros cannot be moved: it stays out of the search and is judged relative to its own bound.
     empty = factor.lengths == 0
@@ -87,6 +111,7 @@ def solve_core(
         jnp.full(batch, Status.MAX_ITERATIONS, jnp.int32),
         jnp.full(batch, jnp.inf, dtype),
         jnp.zeros(batch, bool),
+        jnp.zeros(batch, dtype),
         jnp.asarray(0, jnp.int32),
     )
     state = _State(
@@ -96,6 +121,8 @@ def solve_core(
         jnp.zeros(batch, bool),
         jnp.full(batch, settings.penalty, dtype),
         start,
+        jnp.zeros_like(y),
+        jnp.zeros(batch, bool),
         jnp.zeros(batch, bool),
         jnp.asarray(0, jnp.int32),
     )
@@ -108,9 +135,10 @@ def solve_core(
             state,
         )
     best = state.best
-    status = jnp.where(contradiction, Status.INFEASIBLE, best.status)
-    status = jnp.where(factor.pivot < -30 * jnp.sqrt(jnp.finfo(dtype).eps), Status.NOT_CONVEX, status)
-    return best._replace(y=best.y * factor.lengths, status=status.astype(jnp.int32))
+    status = jnp.where(contradiction | state.infeasible, Status.INFEASIBLE, best.status)
+    status = jnp.where(proves_not_convex(P, factor), Status.NOT_CONVEX, status)
+    x, y = unscale_point(scaling, best.x, best.y * factor.lengths)
+    return best._replace(x=x, y=y, status=status.astype(jnp.int32))
 
 
 def _priorities(program: ScaledProgram, y: Float[Array, " m *b"]) -> Float[Array, " m *b"]:
@@ -125,9 +153,29 @@ def _run_round(program: ScaledProgram, settings: QpSettings, state: _State) -> _
     tolerance = settings.tolerance_for(program.q.dtype)
     subproblem = _subproblem(program, state)
     found, x, y = _refined(program, settings, state, subproblem, _search(program, settings, state, subproblem))
-    iterate, values, scale = assess(program, found, x, y, tolerance)
+    assessment = assess(program, found, x, y, tolerance)
+    iterate = rate(program, found, x, assessment, tolerance)
     blocked = state.elastic | found.blocked
-    iterate, proven = prove_failure(program, iterate, values, scale, x - state.centre, blocked, tolerance)
+    # Proofs of failure are rare and not looked for where no problem of the chunk gives cause.
+    never = jnp.zeros(blocked.shape, bool)
+
+    def contradicted() -> tuple[Array, Array, Array]:
+        still, violation = violates_least(program, assessment)
+        ray = jnp.where(found.blocked, cancelling(program, found, found.ray), state.ray)
+        proven = proves_infeasible(program, ray, x)
+        proven |= state.elastic & proves_infeasible(program, cancelling(program, found, violation), x)
+        return blocked & proven & ~state.done, still, ray
+
+    infeasible, still, ray = jax.lax.cond(jnp.any(blocked), contradicted, lambda: (never, never, state.ray))
+    infeasible |= state.infeasible
+    drifting = ~blocked & (jnp.max(program.factor.excess, axis=0) > 0) & assessment.feasible
+    drifting &= iterate.residual > tolerance
+    unbounded = drifting & jax.lax.cond(
+        jnp.any(drifting), lambda: proves_unbounded(program, found, x - state.centre), lambda: never
+    )
+    # The point of least violation is worth more rounds than the proof.
+    proven = unbounded | (infeasible & (still if settings.rounds > 1 else True))
+    iterate = iterate._replace(status=jnp.where(unbounded, Status.UNBOUNDED, iterate.status).astype(jnp.int32))
     improved = ~state.done & ((iterate.residual < state.best.residual) | proven | (state.elastic & found.solved))
     improved &= jnp.all(jnp.isfinite(x), axis=0)
     best = keep_better(iterate, state.best, improved)
@@ -136,7 +184,7 @@ def _run_round(program: ScaledProgram, settings: QpSettings, state: _State) -> _
         guess, penalty = y, state.penalty
     else:
         lost = ~done & ~found.solved & ~blocked
-        guess, penalty = _next_guess(program, settings, state, subproblem, iterate, values, lost)
+        guess, penalty = _next_guess(program, settings, state, subproblem, iterate, assessment.values, lost)
     finite = jnp.all(jnp.isfinite(x), axis=0) & jnp.all(jnp.isfinite(y), axis=0)
     # The first elastic round starts from scratch: a blocked search leaves no point worth keeping.
     fresh = blocked & ~state.elastic
@@ -147,6 +195,8 @@ def _run_round(program: ScaledProgram, settings: QpSettings, state: _State) -> _
         blocked,
         penalty,
         best,
+        ray,
+        infeasible,
         done,
         state.rounds + 1,
     )
@@ -191,15 +241,11 @@ def _correct(
 ) -> tuple[Float[Array, " n *b"], Float[Array, " m *b"]]:
     """One Newton step on the true optimality conditions with the active set held."""
     factor, bounds = program.factor, program.bounds
-    active = found.sides != 0
-    stationarity = apply(program.P, x) + program.q + apply_transposed(program.C, y * factor.lengths)
-    step = -apply(factor.root, stationarity)
+    force = apply(program.P, x) + program.q + apply_transposed(program.C, y * factor.lengths)
     bound = jnp.where(found.sides > 0, bounds.high, bounds.low)
-    gap = jnp.where(active, apply(program.C, x) * factor.lengths - bound, 0)
-    gap = jnp.where(active, gap + apply_transposed(factor.rows, step), 0)
-    change = jnp.where(active, -apply(found.matrix, gap), 0)
-    step = step - apply(factor.rows, change)
-    return x + apply_transposed(factor.root, step), y + change
+    gap = jnp.where(found.sides != 0, apply(program.C, x) * factor.lengths - bound, 0)
+    step, change = newton_step(factor, found, force, gap)
+    return x + step, y + change
 
 
 def _refine(
@@ -232,7 +278,7 @@ def _refine(
     )
     y += change
     tolerance = settings.tolerance_for(dtype)
-    settled = settled | (assess(program, found, x, y, tolerance)[0].residual <= tolerance)
+    settled = settled | (assess(program, found, x, y, tolerance).residual <= tolerance)
     return _Refinement(found, x, y, settled, corrections + 1)
 
 

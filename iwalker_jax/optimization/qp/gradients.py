@@ -11,6 +11,7 @@ from iwalker_jax.optimization.qp.factor import Factor, factorise
 from iwalker_jax.optimization.qp.settings import QpSettings
 from iwalker_jax.optimization.qp.verdicts import QpIterate
 from iwalker_jax.optimization.solution import Status
+from iwalker_jax.promotion import usual_promotion
 
 Data = tuple[Array, ...]
 _REFINEMENTS = 3
@@ -69,6 +70,7 @@ def differentiable(
 
 
 @differentiable.defjvp
+@usual_promotion
 def _differentiate(primals: tuple, tangents: tuple) -> tuple:
     (P, _, C, _, _), x, y, sides, meaningful = primals
     dP, dq, dC, dlow, dhigh = tangents[0]
@@ -134,4 +136,6 @@ def _rate(data: Data, factor: Factor, x: Array, state: Splitting, settings: QpSe
     residual = jnp.where(finite, residual, jnp.inf)
     tolerance = settings.tolerance_for(x.dtype)
     status = jnp.where(residual <= tolerance, Status.CONVERGED, Status.MAX_ITERATIONS).astype(jnp.int32)
-    return QpIterate(x, state.y, sides, status, residual, finite, jnp.asarray(settings.admm_iterations, jnp.int32))
+    # ADMM holds no active set: its derivatives are those of its iterations, whatever the optimum is like.
+    iterations, always = jnp.asarray(settings.admm_iterations, jnp.int32), jnp.full_like(residual, jnp.inf)
+    return QpIterate(x, state.y, sides, status, residual, finite, always, iterations)

@@ -99,6 +99,29 @@ def load_program(path: str | Path) -> QuadraticProgram:
     return replace(QuadraticProgram(*arrays), blocks=blocks)  # type: ignore[arg-type]
 
 
+def in_floats(problem: QuadraticProgram) -> QuadraticProgram:
+    """The program in JAX arrays of one floating type, at least of single precision; works on tracers.
+
+    Raises:
+        InputError: on lists of uneven lengths, and on what is no real number.
+    """
+    names = ("P", "q", "C", "low", "high")
+    arrays = {}
+    for name in names:
+        given = getattr(problem, name)
+        try:
+            arrays[name] = jnp.asarray(given)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{name} is no array of numbers; give real numbers in rows of equal length.") from error
+        kind = arrays[name].dtype
+        if not (jnp.issubdtype(kind, jnp.floating) or jnp.issubdtype(kind, jnp.integer) or kind == jnp.bool_):
+            raise InputError(f"{name} is of type {kind}; give real numbers.")
+    floats = [a.dtype for a in arrays.values() if jnp.issubdtype(a.dtype, jnp.floating)]
+    dtype = jnp.result_type(jnp.float32, *floats) if floats else jnp.result_type(float)
+    P, q, C, low, high = (arrays[name].astype(dtype) for name in names)
+    return QuadraticProgram(P, q, C, low, high, problem.blocks)
+
+
 def check_program_shapes(problem: QuadraticProgram) -> None:
     """Refuse shapes that do not fit together; works on tracers.
 
@@ -133,14 +156,13 @@ def quadratic_program(
     Raises:
         InputError: on shapes that do not fit, NaN, low > high, or a P that is not symmetric or not semidefinite.
     """
-    P, q = jnp.asarray(P), jnp.asarray(q)
-    dtype = jnp.result_type(float, P) if not jnp.issubdtype(P.dtype, jnp.floating) else P.dtype
-    C = jnp.zeros((0, q.size)) if C is None else jnp.asarray(C)
-    rows = C.shape[0] if C.ndim else 0
-    low = jnp.full(rows, -jnp.inf) if low is None else jnp.asarray(low)
-    high = jnp.full(rows, jnp.inf) if high is None else jnp.asarray(high)
-    P, q, C, low, high = (jnp.asarray(a, dtype) for a in (P, q, C, low, high))
-    problem = QuadraticProgram(P, q, C, low, high, tuple((str(name), int(count)) for name, count in blocks))
+    kind = np.float32  # of what is left out, which shall not widen the rest
+    C = np.zeros((0, np.size(q)), kind) if C is None else C
+    rows = np.shape(C)[0] if np.ndim(C) else 0
+    low = np.full(rows, -np.inf, kind) if low is None else low
+    high = np.full(rows, np.inf, kind) if high is None else high
+    named = tuple((str(name), int(count)) for name, count in blocks)
+    problem = in_floats(QuadraticProgram(P, q, C, low, high, named))  # type: ignore[arg-type]
     check_program_shapes(problem)
     check_program_values(problem)
     return problem

@@ -9,9 +9,10 @@ from jaxtyping import Array, Float, Int
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.qp.batch import solve_batched
 from iwalker_jax.optimization.qp.gradients import differentiable, unrolled
-from iwalker_jax.optimization.qp.problem import QuadraticProgram, check_program_shapes, named_rows
+from iwalker_jax.optimization.qp.problem import QuadraticProgram, check_program_shapes, in_floats, named_rows
 from iwalker_jax.optimization.qp.settings import QpSettings
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status, describe
+from iwalker_jax.promotion import usual_promotion
 
 
 class QpPoint(NamedTuple):
@@ -34,11 +35,13 @@ class QpPoint(NamedTuple):
 
 def cold_start(problem: QuadraticProgram) -> QpPoint:
     """The guess that knows nothing; a scan's first carry."""
+    problem = in_floats(problem)
     m = problem.low.shape[0]
     zeros, blocks = jnp.zeros_like(problem.low), jnp.zeros(len(problem.blocks), problem.q.dtype)
     return QpPoint(jnp.zeros_like(problem.q), zeros, jnp.zeros(m, jnp.int32), zeros, blocks)
 
 
+@usual_promotion
 def solve_qp(
     problem: QuadraticProgram,
     start: QpPoint | None = None,
@@ -55,27 +58,32 @@ def solve_qp(
             differentiates ADMM alone for `settings.admm_iterations`; `stopped` neither.
 
     Returns:
-        Solution whose value is a `QpPoint`, finite whatever happens. The residual is the largest of stationarity,
-        violation and complementarity, each in the metric of the cost (a row's violation over sqrt(c'H^-1 c)), relative
-        to the solution's own size in it. CONVERGED: it is below the tolerance. INFEASIBLE: proven, and x violates
-        the rows least (least squares of the violations over sqrt(c'H^-1 c)), then costs least. UNBOUNDED: x is on its
-        way along a direction of descent. NOT_CONVEX: a pivot of P is negative. NON_FINITE: the input has NaN or
-        infinite costs, replaced by zeros. MAX_ITERATIONS: x is the best point met. `iterations` counts pivots (ADMM
-        iterations if unrolled). `gradient_valid` is also false close to a change of the active set.
+        Solution whose value is a `QpPoint`, finite whatever happens. The units of the variables and rows do not
+        matter. The residual is the largest of stationarity, violation and complementarity, each in the metric of the
+        cost (a row's violation over sqrt(c'H^-1 c)) and relative to the solution's own size in it, and of each row's
+        violation relative to its own bound. CONVERGED: it is below the tolerance. INFEASIBLE: proven within the
+        rounding of the program's entries (Farkas), and x violates the rows least (least squares of the violations
+        over sqrt(c'H^-1 c)), then costs least. UNBOUNDED: likewise proven, and x is on its way along a direction of
+        descent. NOT_CONVEX: the cost curves downwards along some direction. NON_FINITE: the input has NaN or infinite
+        costs, replaced by zeros, or the solution is too large for a float. MAX_ITERATIONS: x is the best point met.
+        `iterations` counts pivots (ADMM iterations if unrolled). `gradient_valid` is false where the solution is not
+        unique, and where a row's own bound is about to matter or to stop mattering; the margin tells by how much (see
+        `verdicts.regularity`).
 
     Raises:
-        InputError: on wrong shapes or an unknown gradient mode.
+        InputError: on wrong shapes, on what are no real numbers, or on an unknown gradient mode. Whole numbers and
+            half precision are solved in single precision (double, if JAX's default is).
     """
     if gradient not in get_args(GradientMode):
         raise InputError(f"gradient is {gradient!r}; choose one of {', '.join(get_args(GradientMode))}.")
+    problem = in_floats(problem)
     check_program_shapes(problem)
     blocks, m = problem.blocks, problem.low.shape[0]
     data: tuple[Array, ...] = (problem.P, problem.q, problem.C, problem.low, problem.high)
-    dtype = jnp.result_type(*data)
+    dtype = problem.q.dtype
     if m == 0:  # one row that says nothing stands for none
         n = problem.q.shape[0]
         data = (*data[:2], jnp.zeros((1, n), dtype), jnp.full(1, -jnp.inf, dtype), jnp.full(1, jnp.inf, dtype))
-    data = tuple(jnp.asarray(a, dtype) for a in data)
     if gradient == "stopped":
         data = jax.lax.stop_gradient(data)
     data, usable, low, high = _sanitise(data)
@@ -85,18 +93,23 @@ def solve_qp(
         (x, y), answer = unrolled(data, (x, y), settings)
     else:
         answer = jax.lax.stop_gradient(solve_batched(settings, *jax.lax.stop_gradient(data), x, y))
-        x, y = answer.x, answer.y
+        # A solution beyond the range of floats is none.
+        usable &= jnp.all(jnp.isfinite(answer.x)) & jnp.all(jnp.isfinite(answer.y))
+        x, y = (jnp.where(jnp.isfinite(v), v, 0) for v in (answer.x, answer.y))
         if gradient == "implicit":
             meaningful = (answer.status != Status.UNBOUNDED) & (answer.status != Status.NOT_CONVEX)
             x, y = differentiable(data, x, y, answer.sides, meaningful)
     value = data[2] @ x
+    usable &= jnp.all(jnp.isfinite(value))
     violation = jnp.maximum(jnp.maximum(value - high, low - value), 0)[:m]
+    violation = jnp.nan_to_num(violation, nan=0.0)  # infinite becomes the largest float
     worst = [jnp.max(violation[rows], initial=0) for _, rows in named_rows(blocks, m)] if blocks else []
     point = QpPoint(x, y[:m], answer.sides[:m], violation, jnp.stack(worst) if worst else jnp.zeros(0, dtype))
     status = jnp.where(jnp.all(low <= high), answer.status, Status.INFEASIBLE)
     status = jnp.where(usable, status, Status.NON_FINITE).astype(jnp.int32)
     valid = answer.regular & (status == Status.CONVERGED)
-    return Solution(point, status, answer.residual, answer.pivots, valid)
+    margin = jnp.where(status == Status.CONVERGED, answer.margin, 0)
+    return Solution(point, status, answer.residual, answer.pivots, valid, margin)
 
 
 def _sanitise(data: tuple[Array, ...]) -> tuple[tuple[Array, ...], Array, Array, Array]:
@@ -123,7 +136,7 @@ def explain(problem: QuadraticProgram, solution: Solution) -> str:
 
     For concrete values on the host.
     """
-    sentence = describe(int(solution.status))
+    problem, sentence = in_floats(problem), describe(int(solution.status))
     violation = jnp.asarray(solution.value.violation)
     if int(solution.status) == Status.CONVERGED or not violation.size or float(violation.max()) == 0:
         return sentence

@@ -1,4 +1,4 @@
-"""Verdicts of the solver: how good a point is, and proofs that a program has no solution.
+"""How good a point is, in the metric of the cost and row by row, and how far its active set is from changing.
 
 Arrays carry their batch as the last axis (see `factor`).
 """
@@ -10,12 +10,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.optimization.qp.active_set import ActiveSet, RowBounds
-from iwalker_jax.optimization.qp.factor import Factor, apply, apply_transposed, largest
+from iwalker_jax.optimization.qp.factor import Factor, apply, apply_transposed, fold, largest
 from iwalker_jax.optimization.solution import Status
 
-DEPENDENT = {4: 2e-5, 8: 1e-10}
-"""Schur complement that counts as zero, by the bytes of a number."""
-_CERTIFICATE = {4: 1e-3, 8: 1e-6}  # largest relative error of a proof that there is no solution
+_NOISE = 64  # roundings that a sum of products is granted, relative to the sum of its terms' sizes
+_LEAST_CURVATURE = {4: 1e-3, 8: 1e-6}  # reduced curvature of a unique minimiser, by the bytes of a number
 
 
 class ScaledProgram(NamedTuple):
@@ -41,7 +40,8 @@ class QpIterate(NamedTuple):
         x, y: (n, *b), (m, *b) variables and multipliers.
         sides: (m, *b) int, independent active rows: +1 at high, -1 at low.
         status, residual: (*b,), (*b,).
-        regular: (*b,) bool, no row is about to become active or inactive.
+        regular: (*b,) bool, whether the point has derivatives that can be trusted.
+        margin: (*b,) how far it is from losing them (see `regularity`).
         pivots: () pivots of the longest search, all rounds together.
     """
 
@@ -51,7 +51,37 @@ class QpIterate(NamedTuple):
     status: Int[Array, "*b"]
     residual: Float[Array, "*b"]
     regular: Bool[Array, "*b"]
+    margin: Float[Array, "*b"]
     pivots: Int[Array, ""]
+
+
+class Assessment(NamedTuple):
+    """A judged point.
+
+    Attributes:
+        y: (m, *b) scaled multipliers with their signs right.
+        values: (m, *b) scaled constraint values w.
+        residual: (*b,) see `optimality_residual`.
+        scale: (*b,) size of the solution in the metric of the cost.
+        feasible: (*b,) bool, all rows hold nearly.
+    """
+
+    y: Float[Array, " m *b"]
+    values: Float[Array, " m *b"]
+    residual: Float[Array, "*b"]
+    scale: Float[Array, "*b"]
+    feasible: Bool[Array, "*b"]
+
+
+def noise(dtype: jnp.dtype) -> float:
+    """Relative size of what may be rounding of a sum of products."""
+    return _NOISE * float(jnp.finfo(dtype).eps)
+
+
+def relative(error: Array, allowed: Array) -> Array:
+    """The error over what is allowed; nothing is no error, and what overflows allows none."""
+    allowed = jnp.where(jnp.isfinite(allowed), jnp.maximum(allowed, jnp.finfo(error.dtype).tiny), 0)
+    return jnp.where(error == 0, 0, error / allowed)
 
 
 def admissible_multipliers(bounds: RowBounds, y: Float[Array, " m *b"]) -> Float[Array, " m *b"]:
@@ -62,115 +92,107 @@ def admissible_multipliers(bounds: RowBounds, y: Float[Array, " m *b"]) -> Float
 
 
 def optimality_residual(
-    program: ScaledProgram, x: Float[Array, " n *b"], y: Float[Array, " m *b"]
-) -> tuple[Float[Array, "*b"], Float[Array, " m *b"], Float[Array, "*b"]]:
-    """Largest of stationarity, violation and complementarity in the metric of the cost, relative to their scale.
+    program: ScaledProgram, x: Float[Array, " n *b"], y: Float[Array, " m *b"], tolerance: float
+) -> Assessment:
+    """Judge a point whose multipliers have their signs.
 
-    Args:
-        x: variables.
-        y: scaled multipliers, which must have their signs already.
-
-    Returns:
-        The residual, the scaled constraint values w and the scale.
+    Stationarity counts in the metric of the cost relative to the solution's size in it, or, where rounding alone makes
+    that too much to ask, variable by variable relative to the rounding of its own terms. The latter alone counts where
+    the cost is singular and its metric in part made up. Violation and complementarity count row by row, relative to
+    the row's own bound but for the rounding of its own terms: in one scale for all, large rows would hide small ones.
     """
     factor, low, high = program.factor, program.bounds.low, program.bounds.high
     values = apply(program.C, x) * factor.lengths
-    image = apply(program.P, x)
-    stationarity = apply(factor.root, image + program.q + apply_transposed(program.C, y * factor.lengths))
+    image, pushed = apply(program.P, x), y * factor.lengths
+    force = image + program.q + apply_transposed(program.C, pushed)
+    stationarity = apply(factor.root, force)
     violation = jnp.maximum(jnp.maximum(values - high, low - values), 0)
     bound = jnp.where(y > 0, high, low)
     complementarity = jnp.where(y != 0, jnp.abs(values - bound), 0)
     energy = jnp.sqrt(jnp.maximum(jnp.sum(x * (image + factor.excess * x), axis=0), 0))
+    metric = relative(largest(stationarity), energy)
+
+    rounding, size = noise(x.dtype), jnp.abs(x)
+    terms = apply(jnp.abs(program.C), size) * factor.lengths
+    miss = jnp.maximum(violation, complementarity)
+    row = largest(relative(miss, tolerance * jnp.abs(jnp.clip(values, low, high)) + rounding * terms))
+    singular = jnp.max(factor.excess, axis=0) > 0
+
+    def by_variable() -> Array:
+        pulls = apply(jnp.abs(program.P), size) + jnp.abs(program.q)
+        pulls += apply_transposed(jnp.abs(program.C), jnp.abs(pushed))
+        exact = tolerance * largest(relative(jnp.abs(force), rounding * pulls))
+        return jnp.where(singular, exact, jnp.minimum(metric, exact))
+
+    dual = jax.lax.cond(jnp.any(singular | ~(metric <= tolerance)), by_variable, lambda: metric)
+    residual = jnp.maximum(dual, tolerance * row)
     cost = apply(factor.root, program.q)
-    eps = jnp.finfo(x.dtype).eps
-    floor = jnp.sqrt(eps) * jnp.sqrt(jnp.sum(cost * cost, axis=0))
+    floor = jnp.sqrt(jnp.finfo(x.dtype).eps) * jnp.sqrt(jnp.sum(cost * cost, axis=0))
     scale = jnp.maximum(energy, jnp.maximum(floor, largest(jnp.where(y != 0, bound, 0))))
     scale = jnp.maximum(scale, jnp.finfo(x.dtype).tiny)
-    worst = jnp.maximum(largest(stationarity), jnp.maximum(largest(violation), largest(complementarity)))
-    return worst / scale, values, scale
+    residual = jnp.where(jnp.isfinite(residual) & jnp.isfinite(scale), residual, jnp.inf)
+    feasible = largest(relative(violation, jnp.sqrt(tolerance) * terms)) <= 1
+    return Assessment(y, values, residual, scale, feasible)
 
 
 def assess(
     program: ScaledProgram, found: ActiveSet, x: Float[Array, " n *b"], y: Float[Array, " m *b"], tolerance: float
-) -> tuple[QpIterate, Float[Array, " m *b"], Float[Array, "*b"]]:
-    """The point of an active set with its residual, CONVERGED or MAX_ITERATIONS, and whether the set is stable.
-
-    Returns:
-        The iterate (y still scaled), the scaled constraint values w and the scale of the residual.
-    """
-    bounds, m = program.bounds, y.shape[0]
+) -> Assessment:
+    """Judge the point of an active set."""
+    bounds = program.bounds
     y = admissible_multipliers(bounds, jnp.where(found.sides * y < 0, jnp.where(bounds.equality, y, 0), y))
-    residual, values, scale = optimality_residual(program, x, y)
-    residual = jnp.where(jnp.isfinite(residual), residual, jnp.inf)
-    diagonal = jnp.stack([found.matrix[i, i] for i in range(m)])
-    edge = jnp.maximum(4 * residual, tolerance / 100) * scale
-    slope = jnp.abs(1 / jnp.minimum(diagonal, -1e-30))
-    weak = (found.sides != 0) & ~bounds.equality & (jnp.abs(y) * slope < edge)
-    room = jnp.minimum(bounds.high - values, values - bounds.low)
-    near = (found.sides == 0) & (room < edge) & (diagonal > DEPENDENT[x.dtype.itemsize])
-    regular = ~jnp.any(weak | near, axis=0)
+    return optimality_residual(program, x, y, tolerance)
+
+
+def rate(
+    program: ScaledProgram, found: ActiveSet, x: Float[Array, " n *b"], assessment: Assessment, tolerance: float
+) -> QpIterate:
+    """The point of an active set with its verdict, CONVERGED or MAX_ITERATIONS, and what its derivatives are worth."""
+    residual = assessment.residual
     status = jnp.where(residual <= tolerance, Status.CONVERGED, Status.MAX_ITERATIONS).astype(jnp.int32)
-    sides = found.sides.astype(jnp.int32)
-    return QpIterate(x, y, sides, status, residual, regular, found.pivots), values, scale
+    regular, margin = regularity(program, found, assessment, tolerance)
+    return QpIterate(x, assessment.y, found.sides.astype(jnp.int32), status, residual, regular, margin, found.pivots)
 
 
-def proves_infeasible(
-    program: ScaledProgram, values: Float[Array, " m *b"], scale: Float[Array, "*b"], tolerance: float
-) -> Bool[Array, "*b"]:
-    """Farkas' certificate: the rows' violations, as multipliers, leave no direction that lessens them all."""
-    violation = values - jnp.clip(values, program.bounds.low, program.bounds.high)
-    length = jnp.sqrt(jnp.sum(violation * violation, axis=0))
-    slope = apply(program.factor.rows, violation)
-    steep = jnp.sqrt(jnp.sum(slope * slope, axis=0))
-    return (length > tolerance * scale) & (steep <= _CERTIFICATE[values.dtype.itemsize] * length)
+def regularity(
+    program: ScaledProgram, found: ActiveSet, assessment: Assessment, tolerance: float
+) -> tuple[Bool[Array, "*b"], Float[Array, "*b"]]:
+    """Whether the solution may be differentiated by every entry of the program, and by what margin.
 
-
-def proves_unbounded(
-    program: ScaledProgram, direction: Float[Array, " n *b"], x: Float[Array, " n *b"]
-) -> Bool[Array, "*b"]:
-    """Whether the cost falls along a direction in which it does not bend and no bound is met."""
-    bounds, factor, dtype = program.bounds, program.factor, x.dtype
-    weights = jnp.stack([program.P[k, k] for k in range(x.shape[0])]) + factor.excess
-    length = jnp.sqrt(jnp.maximum(jnp.sum(weights * direction * direction, axis=0), jnp.finfo(dtype).tiny))
-    direction = direction / length
-    bent = jnp.sqrt(jnp.maximum(jnp.sum(direction * apply(program.P, direction), axis=0), 0))
-    values = apply(program.C, direction) * factor.lengths
-    above, below = jnp.where(jnp.isfinite(bounds.high), values, 0), jnp.where(jnp.isfinite(bounds.low), -values, 0)
-    leaves = jnp.maximum(above, below)
-    slope, total = jnp.sum(program.q * direction, axis=0), jnp.sum(jnp.abs(program.q * direction), axis=0)
-    small = _CERTIFICATE[dtype.itemsize]
-    far = length > 0.1 * jnp.sqrt(jnp.sum(weights * x * x, axis=0))
-    return far & (bent <= small) & (largest(leaves) <= small) & (slope < -small * total) & (total > 0)
-
-
-def prove_failure(
-    program: ScaledProgram,
-    iterate: QpIterate,
-    values: Float[Array, " m *b"],
-    scale: Float[Array, "*b"],
-    step: Float[Array, " n *b"],
-    blocked: Bool[Array, "*b"],
-    tolerance: float,
-) -> tuple[QpIterate, Bool[Array, "*b"]]:
-    """Look for a proof that there is no solution; the iterate gets its status if there is one.
-
-    Args:
-        iterate, values, scale: as `assess` returns them.
-        step: what the round moved x by, the direction along which the cost may fall for ever.
-        blocked: problems whose search ended at contradicting constraints.
-        tolerance: residual of a solution.
+    The margin is the least of three: how far an inactive row is from its bounds, how far an active inequality would
+    move if it were released, both in the metric of the cost relative to the solution's size, and the least curvature
+    of the cost in the directions that the active rows leave free, relative to the metric. A row at its bound that
+    depends on the active ones counts: moving its bound moves the solution on one side only.
     """
-    # Proofs of failure are rare and not looked for where no problem of the chunk gives cause.
-    never = jnp.zeros(blocked.shape, bool)
-    infeasible = blocked & jax.lax.cond(
-        jnp.any(blocked), lambda: proves_infeasible(program, values, scale, tolerance), lambda: never
+    bounds, factor, values, y = program.bounds, program.factor, assessment.values, assessment.y
+    active = found.sides != 0
+    diagonal = jnp.stack([found.matrix[i, i] for i in range(y.shape[0])])
+    push = jnp.abs(y) / jnp.maximum(-diagonal, 1e-30)
+    room = jnp.maximum(jnp.minimum(bounds.high - values, values - bounds.low), 0)
+    distance = jnp.where(active, jnp.where(bounds.equality, jnp.inf, push), room)
+    nearest = fold(jnp.minimum, distance) / assessment.scale
+    cost = apply(factor.root, program.q)
+    rounding = noise(y.dtype) * jnp.sqrt(jnp.sum(cost * cost, axis=0)) / assessment.scale
+    least = jnp.maximum(jnp.maximum(4 * assessment.residual, tolerance / 10), rounding)
+    curvature = jax.lax.cond(
+        jnp.any(factor.excess > 0), lambda: reduced_curvature(factor, found), lambda: jnp.ones_like(nearest)
     )
-    status = jnp.where(infeasible, Status.INFEASIBLE, iterate.status)
-    unbounded = ~blocked & (jnp.max(program.factor.excess, axis=0) > 0)
-    unbounded &= jax.lax.cond(jnp.any(unbounded), lambda: proves_unbounded(program, step, iterate.x), lambda: never)
-    unbounded &= iterate.residual > tolerance
-    status = jnp.where(unbounded, Status.UNBOUNDED, status)
-    return iterate._replace(status=status.astype(jnp.int32)), infeasible | unbounded
+    return (nearest > least) & (curvature > _LEAST_CURVATURE[y.dtype.itemsize]), jnp.minimum(nearest, curvature)
+
+
+def reduced_curvature(factor: Factor, found: ActiveSet) -> Float[Array, "*b"]:
+    """Least z'P z over z'H z of all directions z that the active rows leave free: 0 where a minimiser is not unique.
+
+    H = P + E, and N = V'(1 - W_A' S_AA^-1 W_A) V is H's inverse on those directions, so that it is one less the
+    largest eigenvalue of E^1/2 N E^1/2.
+    """
+    active = jnp.where(found.sides != 0, 1, 0).astype(factor.root.dtype)
+    held = found.matrix * active[:, None] * active[None]
+    root, rows, held = (jnp.moveaxis(a, (0, 1), (-2, -1)) for a in (factor.root, factor.rows, held))
+    sunk = root * jnp.moveaxis(jnp.sqrt(factor.excess), 0, -1)[..., None, :]
+    image = jnp.swapaxes(rows, -1, -2) @ sunk
+    inverse = jnp.swapaxes(sunk, -1, -2) @ sunk + jnp.swapaxes(image, -1, -2) @ held @ image
+    return 1 - jnp.linalg.eigvalsh((inverse + jnp.swapaxes(inverse, -1, -2)) / 2)[..., -1]
 
 
 def keep_better(new: QpIterate, old: QpIterate, improved: Bool[Array, "*b"]) -> QpIterate:

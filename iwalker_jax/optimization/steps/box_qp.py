@@ -18,7 +18,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import cho_factor, cho_solve
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 # One penalty does not serve all problems: cycling over four decades leaves about a tenth of the failures.
 PENALTIES = (10.0, 1.0, 100.0, 0.1)
@@ -42,6 +42,32 @@ class ActiveBounds(NamedTuple):
     rounds: Int[Array, ""]
 
 
+def _held_system(inverse: Float[Array, "m m"], active: Bool[Array, " m"]) -> Float[Array, "m m"]:
+    """S of the active rows, the identity's size in the others."""
+    both = active[:, None] & active[None, :]
+    # The jitter keeps the Cholesky factor real when the active steps leave almost no freedom.
+    jitter = 10 * jnp.finfo(inverse.dtype).eps
+    diagonal = jnp.where(active, jitter, 1.0) * jnp.mean(jnp.diagonal(inverse))
+    return jnp.where(both, inverse, 0) + jnp.diag(diagonal)
+
+
+def distance_to_change(
+    inverse: Float[Array, "m m"],
+    sides: Int[Array, " m"],
+    y: Float[Array, " m"],
+    w: Float[Array, " m"],
+    low: Float[Array, " m"],
+    high: Float[Array, " m"],
+) -> Float[Array, ""]:
+    """Least distance of a free row from its bounds, and of what an active one would move by if it were released."""
+    active = sides != 0
+    alone = cho_solve(cho_factor(_held_system(inverse, active)), jnp.eye(y.shape[0], dtype=y.dtype))
+    moved = y * sides / jnp.diagonal(alone)
+    # Equal bounds hold a row whichever way it is pushed.
+    moved = jnp.where(low == high, jnp.inf, moved)
+    return jnp.maximum(jnp.min(jnp.where(active, moved, jnp.minimum(high - w, w - low))), 0)
+
+
 def bound_solver(
     inverse: Float[Array, "m m"], sides: Int[Array, " m"]
 ) -> Callable[[Float[Array, " m"]], Float[Array, " m"]]:
@@ -53,11 +79,7 @@ def bound_solver(
         inverse: S.
     """
     active = sides != 0
-    both = active[:, None] & active[None, :]
-    # The jitter keeps the Cholesky factor real when the active steps leave almost no freedom.
-    jitter = 10 * jnp.finfo(inverse.dtype).eps
-    diagonal = jnp.where(active, jitter, 1.0) * jnp.mean(jnp.diagonal(inverse))
-    system = jnp.where(both, inverse, 0) + jnp.diag(diagonal)
+    system = _held_system(inverse, active)
     factor = cho_factor(jax.lax.stop_gradient(system))
 
     def respond(violation: Float[Array, " m"]) -> Float[Array, " m"]:

@@ -29,6 +29,7 @@ from iwalker_jax.optimization.steps.riccati import (
     solve_factorised,
     unpack,
 )
+from iwalker_jax.promotion import usual_promotion
 
 
 def kkt_solver(cost: StepCost, pole: Float[Array, ""], horizon: int, gradient: GradientMode) -> Callable[[Kkt], Kkt]:
@@ -51,6 +52,7 @@ def kkt_solver(cost: StepCost, pole: Float[Array, ""], horizon: int, gradient: G
     return respond
 
 
+@usual_promotion
 def solve_step_mpc(
     footsteps: Float[ArrayLike, "n 2"],
     initial_state: Float[ArrayLike, "2 3"],
@@ -75,10 +77,11 @@ def solve_step_mpc(
         largest term. Non-finite or unphysical input gives NON_FINITE and a finite value computed without it.
 
     Raises:
-        InputError: on wrong shapes or an unknown gradient mode.
+        InputError: on wrong shapes, an unknown gradient mode, or constants under which the pendulum runs away faster
+            than the precision can follow (traced ones give NON_FINITE).
     """
     parameters, weights = parameters or HlipParameters(), weights or StepMpcWeights()
-    footsteps, initial_state = check_step_inputs(footsteps, initial_state, gradient)
+    footsteps, initial_state = check_step_inputs(footsteps, initial_state, gradient, parameters)
     if gradient == "stopped":
         footsteps, initial_state, parameters, weights = jax.lax.stop_gradient(
             (footsteps, initial_state, parameters, weights)
@@ -92,4 +95,5 @@ def solve_step_mpc(
     plan = as_plan(form, cost, footsteps, steps, gait, *point[:2])
     converged = residual <= jnp.sqrt(jnp.finfo(residual.dtype).eps)
     status = jnp.where(converged, Status.CONVERGED, Status.MAX_ITERATIONS).astype(jnp.int32)
-    return conclude(plan, residual, usable, status, jnp.asarray(1, jnp.int32))
+    unbounded = jnp.asarray(jnp.inf, residual.dtype)
+    return conclude(plan, residual, usable, status, jnp.asarray(1, jnp.int32), unbounded)

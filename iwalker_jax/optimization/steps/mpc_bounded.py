@@ -10,7 +10,13 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
-from iwalker_jax.optimization.steps.box_qp import PENALTIES, ActiveBounds, bound_solver, find_active_bounds
+from iwalker_jax.optimization.steps.box_qp import (
+    PENALTIES,
+    ActiveBounds,
+    bound_solver,
+    distance_to_change,
+    find_active_bounds,
+)
 from iwalker_jax.optimization.steps.hlip import HlipParameters, Modes, divergent_component, modes
 from iwalker_jax.optimization.steps.mpc import kkt_solver
 from iwalker_jax.optimization.steps.problem import (
@@ -31,12 +37,14 @@ from iwalker_jax.optimization.steps.reach import (
     step_bounds,
 )
 from iwalker_jax.optimization.steps.riccati import Kkt, StepCost
+from iwalker_jax.promotion import usual_promotion
 
 _PENALTY = 50.0  # ADMM's base penalty over the mean curvature of the cost, by measurement
 _REFINEMENTS = 3
 _INSIDE = 0.98  # a state beyond reach is pulled to this fraction of the catchable set
 
 
+@usual_promotion
 def solve_bounded_step_mpc(
     footsteps: Float[ArrayLike, "n 2"],
     initial_state: Float[ArrayLike, "2 3"],
@@ -64,13 +72,15 @@ def solve_bounded_step_mpc(
         each other, or no steps within reach keep the COM bounded; the plan then catches the state where the true
         one, moved towards the middle of the catchable set, enters it, and the residual tells how far beyond the
         true one lies (0.1 is 10 %). MAX_ITERATIONS: the active bounds were not found; the steps are approximate
-        and the plan's initial xi is not the robot's.
+        and the plan's initial xi is not the robot's. The margin is how far any step is from meeting or leaving one
+        of its bounds, over the sagittal reach.
 
     Raises:
-        InputError: on wrong shapes or an unknown gradient mode.
+        InputError: on wrong shapes, an unknown gradient mode, or constants under which the pendulum runs away faster
+            than the precision can follow (traced ones give NON_FINITE).
     """
     parameters, weights, reach = parameters or HlipParameters(), weights or StepMpcWeights(), reach or StepReach()
-    footsteps, initial_state = check_step_inputs(footsteps, initial_state, gradient)
+    footsteps, initial_state = check_step_inputs(footsteps, initial_state, gradient, parameters)
     horizon, dtype = footsteps.shape[0], footsteps.dtype
     headings = jnp.zeros(horizon, dtype) if headings is None else jnp.asarray(headings, dtype)
     if headings.shape != (horizon,):
@@ -92,7 +102,7 @@ def solve_bounded_step_mpc(
     steps, gait, rows = tracking_problem(form, cost, footsteps, state)
     problem = _Problem(form, cost, steps, rows, axes, low.ravel(), high.ravel())
 
-    answer, found, error = _optimum(problem, gradient)
+    answer, found, error, margin = _optimum(problem, gradient)
     residual = jnp.maximum(kkt_residual(cost, form.pole, answer.point, answer.rows), error / reach.sagittal)
     converged = residual <= jnp.sqrt(jnp.finfo(dtype).eps)
     status = jnp.where(converged, Status.CONVERGED, Status.MAX_ITERATIONS)
@@ -102,7 +112,7 @@ def solve_bounded_step_mpc(
     safe = hold_steps(form, within, steps, gait, state)
     point = jax.tree.map(lambda a, b: jnp.where(converged, a, b), answer.point[:2], safe)
     plan = as_plan(form, cost, footsteps, steps, gait, *point)
-    return conclude(plan, residual, usable, status, found.rounds)
+    return conclude(plan, residual, usable, status, found.rounds, margin / jax.lax.stop_gradient(reach.sagittal))
 
 
 class _Problem(NamedTuple):
@@ -133,8 +143,12 @@ def _under_forces(problem: _Problem, solve_kkt: Callable[[Kkt], Kkt], forces: Fl
     return _Answer(pushed, point, jnp.einsum("kij,kj->ki", axes, problem.steps + point[1]).ravel())
 
 
-def _optimum(problem: _Problem, gradient: GradientMode) -> tuple[_Answer, ActiveBounds, Float[Array, ""]]:
-    """The bounded optimum, how its active bounds were found, and the error of bounds and multipliers [m]."""
+def _optimum(
+    problem: _Problem, gradient: GradientMode
+) -> tuple[_Answer, ActiveBounds, Float[Array, ""], Float[Array, ""]]:
+    """The bounded optimum, how its active bounds were found, the error of bounds and multipliers [m], and how far any
+    step is from meeting or leaving a bound [m].
+    """
     form, cost, axes, horizon = problem.form, problem.cost, problem.axes, problem.steps.shape[0]
     dtype = problem.steps.dtype
     none = jnp.zeros((horizon, 3, horizon), dtype)
@@ -164,7 +178,9 @@ def _optimum(problem: _Problem, gradient: GradientMode) -> tuple[_Answer, Active
     (forces, answer), _ = jax.lax.scan(refine, begin, None, length=_REFINEMENTS)
     violation = jnp.max(jnp.maximum(answer.landing - problem.high, problem.low - answer.landing))
     sign_error = jnp.max(-forces.ravel() * found.sides) * scale
-    return answer, found, jnp.maximum(jnp.maximum(violation, sign_error), 0)
+    pushed, landing = jax.lax.stop_gradient((forces.ravel(), answer.landing))
+    margin = distance_to_change(frozen[2], found.sides, pushed, landing, *frozen[4:])
+    return answer, found, jnp.maximum(jnp.maximum(violation, sign_error), 0), margin
 
 
 def turn_blocks(axes: Float[Array, "n 2 2"], matrix: Float[Array, "n n"]) -> Float[Array, "m m"]:

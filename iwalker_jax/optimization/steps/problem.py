@@ -18,8 +18,10 @@ from jaxtyping import Array, Bool, Float, Int
 from iwalker_jax.checks import Scalar, field_values, require_range
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
-from iwalker_jax.optimization.steps.hlip import HlipParameters, Modes
+from iwalker_jax.optimization.steps.hlip import HlipParameters, Modes, modes
 from iwalker_jax.optimization.steps.riccati import Kkt, StepCost, apply_kkt, weigh_states
+
+_GROWTH_ROOM = 1.0  # by measurement
 
 
 @jax.tree_util.register_dataclass
@@ -92,8 +94,38 @@ def gait_reference(pole: Float[Array, ""], steps: Float[Array, "n 2"]) -> Float[
     return jnp.stack([scale * (step + after / pole), -scale * (after + step / pole) / pole], axis=1)
 
 
+def largest_growth(dtype: jnp.dtype) -> float:
+    """Growth of the divergent component in a step up to which plans are accurate in a precision.
+
+    The cost to go of a step carries the square of the pole beside one.
+    """
+    return _GROWTH_ROOM / float(jnp.finfo(dtype).eps) ** 0.5
+
+
+def check_growth(parameters: HlipParameters, dtype: jnp.dtype) -> None:
+    """Refuse plain constants under which the pendulum runs away faster than a precision can follow.
+
+    Raises:
+        InputError: with the growth and the most that plans hold.
+    """
+    if not all(isinstance(value, (int, float)) for value in field_values(parameters)):
+        return
+    with jax.ensure_compile_time_eval():
+        growth = float(modes(parameters).pole)
+    most = largest_growth(dtype)
+    if not growth <= most:
+        raise InputError(
+            f"With com_height {parameters.com_height:g} m and a step time of {parameters.step_time:g} s the divergent "
+            f"component of the COM grows {growth:.3g} times in a step, and {dtype} holds {most:.3g} at most; step "
+            "faster, raise the COM, or compute in double precision."
+        )
+
+
 def check_step_inputs(
-    footsteps: Float[ArrayLike, "n 2"], initial_state: Float[ArrayLike, "2 3"], gradient: str
+    footsteps: Float[ArrayLike, "n 2"],
+    initial_state: Float[ArrayLike, "2 3"],
+    gradient: str,
+    parameters: HlipParameters,
 ) -> tuple[Float[Array, "n 2"], Float[Array, "2 3"]]:
     """Both arrays in the footsteps' float type, or InputError."""
     footsteps, initial_state = jnp.asarray(footsteps), jnp.asarray(initial_state)
@@ -106,6 +138,7 @@ def check_step_inputs(
     if gradient not in get_args(GradientMode):
         raise InputError(f"gradient is {gradient!r}; choose one of {', '.join(get_args(GradientMode))}.")
     dtype = jnp.promote_types(footsteps.dtype, jnp.float32)
+    check_growth(parameters, dtype)
     return footsteps.astype(dtype), initial_state.astype(dtype)
 
 
@@ -118,12 +151,13 @@ def sanitise(
     """Replace unusable values by harmless ones, so that neither value nor gradient is NaN, and say if all were good.
 
     Non-finite coordinates become 0; unphysical constants (z0, T_SSP, g not positive, T_DSP or a weight negative, no
-    weight on footsteps and effort) become the defaults.
+    weight on footsteps and effort, a growth beyond `largest_growth`) become the defaults.
     """
     dtype = footsteps.dtype
     constants = jnp.stack([jnp.asarray(x, dtype) for x in field_values(parameters)])
     factors = jnp.stack([jnp.asarray(x, dtype) for x in field_values(weights)])
     physical = jnp.all(jnp.isfinite(constants)) & jnp.all(constants.at[2].add(1) > 0) & (constants[2] >= 0)
+    physical &= modes(HlipParameters(*constants)).pole <= largest_growth(dtype)
     convex = jnp.all(jnp.isfinite(factors)) & jnp.all(factors >= 0) & (factors[0] + factors[1] > 0)
     constants = jnp.where(physical, constants, jnp.asarray(field_values(HlipParameters()), dtype))
     factors = jnp.where(convex, factors, jnp.asarray(field_values(StepMpcWeights()), dtype))
@@ -205,11 +239,17 @@ def conclude(
     usable: Bool[Array, ""],
     status: Int[Array, ""],
     iterations: Int[Array, ""],
+    margin: Float[Array, ""],
 ) -> Solution:
-    """Solution of a plan; whatever is not finite is replaced by 0 and reported as NON_FINITE."""
+    """Solution of a plan; whatever is not finite is replaced by 0 and reported as NON_FINITE.
+
+    Args:
+        margin: how far the bounds are from changing sides, relative; derivatives need more than the tolerance.
+    """
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in plan])) & jnp.isfinite(residual)
     good = usable & finite
     plan = StepPlan(*(jnp.where(jnp.isfinite(x), x, 0) for x in plan))
     status = jnp.where(good, status, jnp.asarray(Status.NON_FINITE, jnp.int32))
     residual = jnp.where(good, residual, jnp.inf)
-    return Solution(plan, status, residual, iterations, status == Status.CONVERGED)
+    valid = (status == Status.CONVERGED) & (margin > jnp.sqrt(jnp.finfo(residual.dtype).eps))
+    return Solution(plan, status, residual, iterations, valid, jnp.where(good, margin, 0))

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from iwalker_jax.optimization.unicycle.ddp import Trajectory, backward_sweep, uniform_grid
 from iwalker_jax.optimization.unicycle.model import UnicycleParameters
 from iwalker_jax.optimization.unicycle.stage import ControlLaw, StageInverse
+from iwalker_jax.promotion import usual_promotion
 
 # An optimum flatter than this (control Hessian over control weights) has no trustworthy derivative.
 MINIMUM_CURVATURE = 1e-4
@@ -52,6 +53,7 @@ def attach_derivatives(inputs: TrackingInputs, optimum: Trajectory, parameters: 
 
 
 @attach_derivatives.defjvp
+@usual_promotion
 def _attach_jvp(
     parameters: UnicycleParameters, primals: tuple[TrackingInputs, Trajectory], tangents: tuple[TrackingInputs, Any]
 ) -> tuple[Trajectory, Trajectory]:

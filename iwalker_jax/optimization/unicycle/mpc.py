@@ -14,11 +14,15 @@ from iwalker_jax.optimization.unicycle.ddp import Trajectory, uniform_grid
 from iwalker_jax.optimization.unicycle.gradients import MINIMUM_CURVATURE, TrackingInputs, attach_derivatives
 from iwalker_jax.optimization.unicycle.model import UnicycleParameters, UnicyclePlan, tracking_cost
 from iwalker_jax.optimization.unicycle.solver import Iterate, advance, begin, residual, solve_lanes
+from iwalker_jax.promotion import usual_promotion
 
 # Larger coordinates lose their squares in single precision.
 _LARGEST = 1e6
+# Controls nearer to a change of their active bounds than this part of the bounds have derivatives of one side only.
+_LEAST_MARGIN = 1e-4
 
 
+@usual_promotion
 def solve_unicycle(
     reference: Float[ArrayLike, "n 2"],
     initial_state: Float[ArrayLike, "4"],
@@ -39,7 +43,10 @@ def solve_unicycle(
         Solution of a `UnicyclePlan`. The residual is sqrt(2 d / (J + w_pos N f^2)): d the decrease of the cost J that
         the second-order model still promises, f the position floor; that is the length of the next Newton step
         relative to the plan, both measured by the cost. INFEASIBLE: the initial speed cannot be brought under the
-        speed bound in one step; the plan returns to it as fast as the bounds allow.
+        speed bound in one step; the plan returns to it as fast as the bounds allow. CONVERGED: an optimum among its
+        neighbours, the best of those that the starts led to; a wild reference may have a better one. The margin is
+        the least of the plan's curvature over the control weights and of any control's distance from meeting or
+        leaving a bound.
 
     Raises:
         InputError: for arrays of a wrong shape or an unknown gradient mode.
@@ -59,9 +66,9 @@ def solve_unicycle(
     live_weights = jnp.where(usable_weights, live_weights, 1.0)
     inputs = TrackingInputs(relative[:, 0], relative[:, 1], state[2], state[3], live_weights)
 
-    best, error, flattest, iterations, speed, theta = _solve(lax.stop_gradient(inputs), parameters)
+    best, error, flattest, margin, iterations, speed, theta = _solve(lax.stop_gradient(inputs), parameters)
     if gradient == "unrolled":
-        best, error, flattest = _unroll(inputs, speed, theta, parameters)
+        best, error, flattest, margin = _unroll(inputs, speed, theta, parameters)
         trajectory = best
     else:
         trajectory = attach_derivatives(inputs, best, parameters)
@@ -77,9 +84,10 @@ def solve_unicycle(
         overspeed = jnp.abs(states[1, 2]) > parameters.speed_bound * (1 + 1e-5)
         status = jnp.where(overspeed, Status.INFEASIBLE, status)
     status = jnp.where(finite, status, Status.NON_FINITE).astype(jnp.int32)
-    trusted = finite & solved & (flattest > MINIMUM_CURVATURE)
+    trusted = finite & solved & (flattest > MINIMUM_CURVATURE) & (margin > jnp.maximum(4 * error, _LEAST_MARGIN))
+    margin = jnp.where(finite & solved, jnp.minimum(flattest, margin), 0)
     plan = UnicyclePlan(states[:, :2], states, controls, cost)
-    return Solution(plan, status, error, iterations, trusted)
+    return Solution(plan, status, error, iterations, trusted, lax.stop_gradient(margin))
 
 
 def _check_inputs(reference: Array, initial_state: Array, gradient: str, weights: Array) -> None:
@@ -95,11 +103,12 @@ def _check_inputs(reference: Array, initial_state: Array, gradient: str, weights
 
 
 class _Solved(NamedTuple):
-    """What the lanes return of each problem: the optimum, its residual and curvature, and where the search started."""
+    """Of each problem the optimum, its residual, curvature and margin, and where the search started."""
 
     trajectory: Trajectory
     residual: Array
     curvature: Array
+    margin: Array
     iterations: Array
     speed: Array
     theta: Array
@@ -116,7 +125,7 @@ def _solve(inputs: TrackingInputs, parameters: UnicycleParameters) -> _Solved:
         inputs = TrackingInputs(*leaves)
         solved, speed, theta = solve_lanes(inputs, parameters)
         error = residual(solved, inputs, parameters)
-        return _Solved(solved.trajectory, error, solved.curvature, solved.iterations, speed, theta)
+        return _Solved(solved.trajectory, error, solved.curvature, solved.margin, solved.iterations, speed, theta)
 
     @lanes.def_vmap
     def _merge(size: int, batched: list[bool], *leaves: Array) -> tuple[_Solved, Any]:
@@ -136,7 +145,7 @@ def _solve(inputs: TrackingInputs, parameters: UnicycleParameters) -> _Solved:
 
 def _unroll(
     inputs: TrackingInputs, speed: Float[Array, " n"], theta: Float[Array, " n"], parameters: UnicycleParameters
-) -> tuple[Trajectory, Float[Array, ""], Float[Array, ""]]:
+) -> tuple[Trajectory, Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Repeat the iterations on the full grid, a fixed number of them, so that they can be differentiated."""
     inputs, speed, theta = jax.tree.map(lambda leaf: leaf[..., None], (inputs, speed, theta))
 
@@ -147,5 +156,6 @@ def _unroll(
 
     first = begin(inputs, speed, theta, grid, parameters)
     last, _ = lax.scan(body, first, None, length=parameters.unrolled_iterations)
-    outputs = (last.trajectory, lax.stop_gradient(residual(last, inputs, parameters)), last.curvature)
+    error = lax.stop_gradient(residual(last, inputs, parameters))
+    outputs = (last.trajectory, error, last.curvature, last.margin)
     return jax.tree.map(lambda leaf: leaf[..., 0], outputs)

@@ -19,6 +19,7 @@ from iwalker_jax.optimization.unicycle.gradients import TrackingInputs
 from iwalker_jax.optimization.unicycle.model import UnicycleParameters
 from iwalker_jax.optimization.unicycle.stage import ControlLaw
 from iwalker_jax.optimization.unicycle.starts import STARTS, coarse_grid, starting_motions
+from iwalker_jax.promotion import usual_promotion
 
 # Step lengths tried side by side.
 _STEPS = (1.0, 0.3)
@@ -43,6 +44,7 @@ class Iterate(NamedTuple):
         law: the control law around it.
         promised: (lanes,) decrease of the cost that the quadratic model promises.
         curvature: (lanes,) smallest curvature of any stage.
+        margin: (lanes,) smallest distance of any stage from a change of its active bounds, relative.
         damping: (lanes,) Levenberg-Marquardt damping.
         iterations: (lanes,) iterations so far.
     """
@@ -52,6 +54,7 @@ class Iterate(NamedTuple):
     law: ControlLaw
     promised: Float[Array, " lanes"]
     curvature: Float[Array, " lanes"]
+    margin: Float[Array, " lanes"]
     damping: Float[Array, " lanes"]
     iterations: Int[Array, " lanes"]
 
@@ -91,7 +94,8 @@ def begin(
         trajectory, reference, inputs.weights, zero, _CURVATURE_FLOOR, grid, parameters
     )
     count = jnp.zeros(zero.shape, jnp.int32)
-    return Iterate(trajectory, cost, law, _credible(promised, cost), jnp.min(inverse.curvature, axis=0), zero, count)
+    curvature, margin = jnp.min(inverse.curvature, axis=0), jnp.min(inverse.margin, axis=0)
+    return Iterate(trajectory, cost, law, _credible(promised, cost), curvature, margin, zero, count)
 
 
 def advance(
@@ -129,9 +133,9 @@ def advance(
     law, inverse, promised = backward_sweep(
         trajectory, reference, inputs.weights, damping, _CURVATURE_FLOOR, grid, parameters
     )
-    curvature = jnp.min(inverse.curvature, axis=0)
-    cost = jnp.where(accepted, least, iterate.cost)
-    return Iterate(trajectory, cost, law, _credible(promised, cost), curvature, damping, iterate.iterations + active)
+    curvature, margin = jnp.min(inverse.curvature, axis=0), jnp.min(inverse.margin, axis=0)
+    cost, iterations = jnp.where(accepted, least, iterate.cost), iterate.iterations + active
+    return Iterate(trajectory, cost, law, _credible(promised, cost), curvature, margin, damping, iterations)
 
 
 def _improve(
@@ -160,6 +164,7 @@ def _improve(
     return lax.while_loop(lambda carry: jnp.any(carry[1]), body, (first, active(first)))[0]
 
 
+@usual_promotion
 def solve_lanes(
     inputs: TrackingInputs, parameters: UnicycleParameters
 ) -> tuple[Iterate, Float[Array, "n lanes"], Float[Array, "n lanes"]]:

@@ -38,12 +38,15 @@ class StageInverse(NamedTuple):
     Attributes:
         ww, wa, aa: inverse control Hessian, zero in the rows of controls held by a bound.
         curvature: smallest eigenvalue of the control Hessian over the control weights, before convexification.
+        margin: how far the controls are from meeting or leaving a bound, over half the bounds' distance; infinite
+            without bounds.
     """
 
     ww: Float[Array, " m *b"]
     wa: Float[Array, " m *b"]
     aa: Float[Array, " m *b"]
     curvature: Float[Array, " m *b"]
+    margin: Float[Array, " m *b"]
 
 
 class CostToGo(NamedTuple):
@@ -253,7 +256,7 @@ def best_controls(
     rides = jnp.zeros_like(stage.v)
     if not parameters.bounded:
         controls = ControlChange(-(Iww * q.w + Iwa * q.a), -(Iwa * q.w + Iaa * q.a), rides)
-        return controls, StageInverse(Iww, Iwa, Iaa, curvature)
+        return controls, StageInverse(Iww, Iwa, Iaa, curvature, jnp.full_like(curvature, jnp.inf))
     w_low, w_high, a_low, a_high = control_limits(stage.v, stage.dt, parameters)
     box = (w_low - stage.w, w_high - stage.w, a_low - stage.a, a_high - stage.a)
     kw, ka, w_held, a_held = _bounded_step(q, box)
@@ -267,7 +270,31 @@ def best_controls(
         target = stage.a + ka
         gain = jnp.inf if parameters.acceleration_bound is None else parameters.acceleration_bound
         rides = (a_held & (jnp.abs(target) < gain)).astype(stage.v.dtype)
-    return ControlChange(kw, ka, rides), StageInverse(Iww, Iwa, Iaa, curvature)
+    pull_w, pull_a = q.w + A * kw + B * ka, q.a + B * kw + C * ka
+    margin = jnp.minimum(
+        _distance_to_change(stage.w + kw, w_low, w_high, w_held, pull_w / A),
+        _distance_to_change(stage.a + ka, a_low, a_high, a_held, pull_a / C),
+    )
+    if parameters.speed_bound is not None and parameters.acceleration_bound is not None:
+        # Where both bounds meet, either may be the one that holds.
+        nearest = jnp.abs(jnp.abs(stage.v + jnp.sign(target) * stage.dt * gain) - parameters.speed_bound)
+        corner = nearest / (stage.dt * gain)
+        margin = jnp.where(a_held, jnp.minimum(margin, corner), margin)
+    return ControlChange(kw, ka, rides), StageInverse(Iww, Iwa, Iaa, curvature, lax.stop_gradient(margin))
+
+
+def _distance_to_change(
+    value: Float[Array, "*b"],
+    low: Float[Array, "*b"],
+    high: Float[Array, "*b"],
+    held: Bool[Array, "*b"],
+    released: Float[Array, "*b"],
+) -> Float[Array, "*b"]:
+    """Of a free control the distance to its bounds, of a held one how far it would move, over half their distance."""
+    half = (high - low) / 2
+    moved = jnp.where(held, jnp.abs(released), jnp.minimum(high - value, value - low))
+    bounded = jnp.isfinite(half) & (half > 0)
+    return jnp.where(bounded, jnp.maximum(moved, 0) / jnp.where(bounded, half, 1), jnp.inf)
 
 
 def control_law(q: Expansion, controls: ControlChange, inverse: StageInverse) -> ControlLaw:

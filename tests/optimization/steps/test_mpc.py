@@ -18,6 +18,7 @@ from iwalker_jax.optimization import (
     StepMpcWeights,
     divergent_component,
     orbit_p2,
+    solve_bounded_step_mpc,
     solve_step_mpc,
 )
 from problems.step_qps import build_step_qp, irregular_walk, step_map
@@ -269,3 +270,15 @@ def test_host_errors(unchecked_types):
         StepMpcWeights(terminal=-1.0)
     with pytest.raises(InputError, match="both 0"):
         StepMpcWeights(footstep=0.0)
+
+
+def test_a_pendulum_that_runs_away_too_fast_is_refused(unchecked_types):
+    """Plain constants are refused in a sentence that names the growth; traced ones are reported."""
+    footsteps, state = (x.astype(np.float32) for x in walk(6))
+    for parameters in (HlipParameters(single_support_time=2.0), HlipParameters(com_height=0.01)):
+        with pytest.raises(InputError, match="times in a step"):
+            solve_step_mpc(footsteps, state, parameters)
+        with pytest.raises(InputError, match="times in a step"):
+            solve_bounded_step_mpc(footsteps, state, np.float32(1.0), parameters=parameters)
+        traced = jax.jit(solve_step_mpc)(footsteps, state, jax.tree.map(jnp.float32, parameters))
+        assert traced.status == Status.NON_FINITE and np.all(np.isfinite(traced.value.footsteps))

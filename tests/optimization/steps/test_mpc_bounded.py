@@ -275,3 +275,16 @@ def test_wrong_heading_shape(unchecked_types):
     footsteps, state, headings = rough_walk(0)
     with pytest.raises(InputError, match="headings have shape"):
         solve_bounded_step_mpc(footsteps, state, 1.0, headings[:-1])
+
+
+def test_a_bound_that_just_touches_has_no_derivative(x64):
+    """Property: with the reach at the longest step of the free optimum the margin is zero, beside it it is not."""
+    footsteps, state, headings = rough_walk(3, noise=0.02, kick=0.0)
+    free = solve(footsteps, state, 1.0, headings, (1.0, -1.0, 1.0))
+    longest = np.max(np.abs(in_heading(np.asarray(free.value.inputs), headings)[:, 0]))
+    for factor in (0.97, 1.0, 1.1):
+        solution = solve(footsteps, state, 1.0, headings, (factor * longest, -1.0, 1.0))
+        assert solution.status == Status.CONVERGED
+        assert bool(solution.gradient_valid) == (factor != 1)
+        if factor >= 1:
+            np.testing.assert_allclose(solution.margin, (factor - 1) / factor, atol=1e-7)

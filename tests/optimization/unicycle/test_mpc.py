@@ -293,3 +293,16 @@ def test_bad_shapes_and_modes_are_refused(unchecked_types):
         solve_unicycle(reference, state, weights=jnp.ones(2))
     with pytest.raises(InputError, match="gradient mode"):
         solve_unicycle(reference, state, gradient="exact")
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.0, 1.1])
+def test_a_bound_that_just_touches_has_no_derivative(factor, x64):
+    """Property: with the turn bound at the free optimum's largest turn rate the margin is zero, beside it it is not."""
+    reference = jnp.asarray(_wavy_reference(3, points=20))
+    state = jnp.zeros(4)
+    largest = float(jnp.max(jnp.abs(_solve(reference, state, UnicycleParameters(tolerance=1e-8)).value.controls[:, 0])))
+    plan = _solve(reference, state, UnicycleParameters(turn_bound=factor * largest, tolerance=1e-8))
+    assert int(plan.status) == Status.CONVERGED
+    assert bool(plan.gradient_valid) == (factor != 1)
+    if factor >= 1:
+        assert float(plan.margin) == pytest.approx(1 - 1 / factor, abs=1e-5)

@@ -1,0 +1,139 @@
+"""Is what `solve_qp` says true? Thousands of ugly programs, judged against Clarabel and by construction.
+
+Run with `python -m benchmarks.qp_verdicts --count 1000`; `--double` for double precision. Of each character it counts
+answers called CONVERGED that are not, solvable programs called INFEASIBLE, UNBOUNDED or NOT_CONVEX, derivatives called
+valid where there are none, and answers that do not claim anything.
+"""
+
+import argparse
+import sys
+
+from iwalker_jax.runtime.settings import configure_runtime
+
+if __name__ == "__main__":
+    configure_runtime()
+
+import clarabel
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sparse
+from scipy.optimize import linprog
+
+from iwalker_jax.optimization import QuadraticProgram, Status, solve_qp
+from problems.ugly_qps import UglyQp, ugly_qps
+
+_COUNTS = ("wrong", "false infeasible", "false other", "false derivative", "no claim")
+_WRONG = 1e-2  # of the cost's own terms, or of a row's
+
+
+def clarabel_point(qp: UglyQp) -> np.ndarray | None:
+    """The optimum in double precision; None if Clarabel does not claim one.
+
+    Solved in units in which variables and rows are of size one: they are what breaks solvers.
+    """
+    P, q, C, low, high = (np.asarray(a, float) for a in qp[:5])
+    diagonal = np.diagonal(P)
+    reach = np.max(np.abs(C), axis=0, initial=0)
+    by_rows = np.where(reach > 0, 1 / np.where(reach > 0, reach, 1), 1.0)
+    units = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1)), by_rows)
+    rows = np.max(np.abs(C * units), axis=1)
+    rows = 1 / np.where(rows > 0, rows, 1)
+    P, q, C, low, high = P * units * units[:, None], q * units, rows[:, None] * C * units, rows * low, rows * high
+    equal = low == high
+    above, below = np.isfinite(high) & ~equal, np.isfinite(low) & ~equal
+    cones = [clarabel.ZeroConeT(int(equal.sum())), clarabel.NonnegativeConeT(int(above.sum() + below.sum()))]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_iter = 500
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix(np.triu(P)),
+        q,
+        sparse.csc_matrix(np.concatenate([C[equal], C[above], -C[below]])),
+        np.concatenate([high[equal], high[above], -low[below]]),
+        cones,
+        settings,
+    )
+    solution = solver.solve()
+    return units * np.asarray(solution.x) if str(solution.status) in ("Solved", "AlmostSolved") else None
+
+
+def feasible(qp: UglyQp) -> bool:
+    """Whether HiGHS finds a point within the bounds."""
+    _, _, C, low, high = (np.asarray(a, float) for a in qp[:5])
+    above, below = np.isfinite(high), np.isfinite(low)
+    rows, ends = np.concatenate([C[above], -C[below]]), np.concatenate([high[above], -low[below]])
+    return linprog(np.zeros(C.shape[1]), A_ub=rows, b_ub=ends, bounds=(None, None), method="highs").status == 0
+
+
+def violates(qp: UglyQp, x: np.ndarray) -> bool:
+    """Whether a row lies outside by a part of its bound and its terms that anyone would notice."""
+    _, _, C, low, high = (np.asarray(a, float) for a in qp[:5])
+    value, terms = C @ x, np.abs(C) @ np.abs(x)
+    outside = np.maximum(np.maximum(value - high, low - value), 0)
+    bound = np.abs(np.where(value > high, high, low))
+    return bool(np.any(outside > 0.1 * _WRONG * np.maximum(np.where(outside > 0, bound, 0), terms)))
+
+
+def improved(qp: UglyQp, x: np.ndarray, better: np.ndarray) -> bool:
+    """Whether the other point costs noticeably less."""
+    P, q = np.asarray(qp.P, float), np.asarray(qp.q, float)
+    cost = [p @ P @ p / 2 + q @ p for p in (x, better)]
+    size = max(np.abs(q) @ np.abs(better), np.abs(q) @ np.abs(x), abs(cost[1]))
+    return bool(cost[0] - cost[1] > _WRONG * size)
+
+
+def judge(qp: UglyQp, status: Status, x: np.ndarray, valid: bool) -> str | None:
+    """What is false about an answer: one of the counts, or None."""
+    if qp.fact == "tie" and valid:
+        return "false derivative"
+    if status in (Status.MAX_ITERATIONS, Status.NON_FINITE):
+        return "no claim"
+    solvable = qp.fact in ("solvable", "tie")
+    if status == Status.CONVERGED:
+        if not solvable:
+            return "wrong"
+        optimum = clarabel_point(qp)
+        return "wrong" if violates(qp, x) or (optimum is not None and improved(qp, x, optimum)) else None
+    if status == Status.INFEASIBLE:
+        return "false infeasible" if solvable and feasible(qp) else None
+    if status == Status.NOT_CONVEX or solvable or qp.fact == "infeasible":
+        return "false other"
+    return None
+
+
+def count_verdicts(count: int, seed: int, dtype: type[np.floating]) -> dict[str, dict[str, int]]:
+    """How many answers of each character are false, and how."""
+    solve = jax.jit(jax.vmap(solve_qp))
+    table = {}
+    for name, qps in ugly_qps(count, seed, dtype).items():
+        P, q, C, low, high = (jnp.asarray(np.stack(arrays)) for arrays in zip(*(qp[:5] for qp in qps)))
+        solution = jax.device_get(solve(QuadraticProgram(P, q, C, low, high)))
+        words = [
+            judge(qp, Status(int(status)), np.asarray(x, float), bool(valid))
+            for qp, status, x, valid in zip(qps, solution.status, solution.value.x, solution.gradient_valid)
+        ]
+        table[name] = {word: words.count(word) for word in _COUNTS}
+    return table
+
+
+def main() -> int:
+    """Print the table; 1 if anything claimed is false."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=1000, help="programs of each character")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--double", action="store_true", help="double precision")
+    arguments = parser.parse_args()
+    jax.config.update("jax_enable_x64", arguments.double)
+    table = count_verdicts(arguments.count, arguments.seed, np.float64 if arguments.double else np.float32)
+    print(f"{arguments.count} programs of each character, {'double' if arguments.double else 'single'} precision")
+    print(f"  {'':<30}" + "".join(f"{word:>18}" for word in _COUNTS))
+    for name, row in table.items():
+        print(f"  {name.replace('_', ' '):<30}" + "".join(f"{row[word]:>18}" for word in _COUNTS))
+    false = {word: sum(row[word] for row in table.values()) for word in _COUNTS}
+    print(f"  {'all':<30}" + "".join(f"{false[word]:>18}" for word in _COUNTS))
+    return int(any(false[word] for word in _COUNTS[:-1]))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
