@@ -16,6 +16,7 @@ from iwalker_jax.optimization.qp.verdicts import (
     admissible_multipliers,
     noise,
     relative,
+    speck,
 )
 
 _POLISHES = 3  # corrections of a proof by its own error
@@ -60,7 +61,7 @@ def proves_infeasible(program: ScaledProgram, y: Float[Array, " m *b"], x: Float
     bound = jnp.where(y > 0, bounds.high, jnp.where(y < 0, bounds.low, 0))
     reach = apply(jnp.abs(program.C), jnp.abs(x)) * factor.lengths
     least = rounding * jnp.sum(jnp.abs(y) * (jnp.abs(bound) + reach), axis=0)
-    cancels = largest(relative(left, rounding * terms)) <= 1
+    cancels = largest(relative(left, rounding * terms + speck(x.dtype) * largest(terms))) <= 1
     return cancels & (-jnp.sum(y * bound, axis=0) > least)
 
 
@@ -80,13 +81,13 @@ def proves_unbounded(program: ScaledProgram, found: ActiveSet, direction: Float[
         gap = apply(program.C, direction) * factor.lengths
         direction = direction + newton_step(factor, found, apply(program.P, direction), gap)[0]
         direction = direction / jnp.maximum(largest(direction), jnp.finfo(dtype).tiny)
-    size, rounding = jnp.abs(direction), noise(dtype)
-    bent = relative(jnp.abs(apply(program.P, direction)), rounding * apply(jnp.abs(program.P), size))
+    size, rounding, nothing = jnp.abs(direction), noise(dtype), speck(dtype)
+    bent = relative(jnp.abs(apply(program.P, direction)), rounding * apply(jnp.abs(program.P), size) + nothing)
     values = apply(program.C, direction)
     leaving = jnp.maximum(
         jnp.where(jnp.isfinite(bounds.high), values, 0), jnp.where(jnp.isfinite(bounds.low), -values, 0)
     )
-    leaves = relative(leaving, rounding * apply(jnp.abs(program.C), size))
+    leaves = relative(leaving, rounding * apply(jnp.abs(program.C), size) + nothing)
     slope, terms = jnp.sum(program.q * direction, axis=0), jnp.sum(jnp.abs(program.q) * size, axis=0)
     return (largest(bent) <= 1) & (largest(leaves) <= 1) & (slope < -rounding * terms)
 

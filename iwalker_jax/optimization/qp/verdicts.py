@@ -78,6 +78,11 @@ def noise(dtype: jnp.dtype) -> float:
     return _NOISE * float(jnp.finfo(dtype).eps)
 
 
+def speck(dtype: jnp.dtype) -> float:
+    """Relative size of what corrections leave where nothing should be: more than a rounding of a rounding."""
+    return float(jnp.finfo(dtype).eps) ** 1.5
+
+
 def relative(error: Array, allowed: Array) -> Array:
     """The error over what is allowed; nothing is no error, and what overflows allows none."""
     allowed = jnp.where(jnp.isfinite(allowed), jnp.maximum(allowed, jnp.finfo(error.dtype).tiny), 0)
@@ -112,26 +117,28 @@ def optimality_residual(
     energy = jnp.sqrt(jnp.maximum(jnp.sum(x * (image + factor.excess * x), axis=0), 0))
     metric = relative(largest(stationarity), energy)
 
-    rounding, size = noise(x.dtype), jnp.abs(x)
+    cost = apply(factor.root, program.q)
+    free = jnp.sqrt(jnp.sum(cost * cost, axis=0))
+    rounding, size, nothing = noise(x.dtype), jnp.abs(x), speck(x.dtype) * jnp.maximum(energy, free)
     terms = apply(jnp.abs(program.C), size) * factor.lengths
     miss = jnp.maximum(violation, complementarity)
-    row = largest(relative(miss, tolerance * jnp.abs(jnp.clip(values, low, high)) + rounding * terms))
+    nearest = jnp.abs(jnp.clip(values, low, high))
+    row = largest(relative(miss, tolerance * nearest + rounding * terms + nothing))
     singular = jnp.max(factor.excess, axis=0) > 0
 
     def by_variable() -> Array:
         pulls = apply(jnp.abs(program.P), size) + jnp.abs(program.q)
         pulls += apply_transposed(jnp.abs(program.C), jnp.abs(pushed))
-        exact = tolerance * largest(relative(jnp.abs(force), rounding * pulls))
+        exact = tolerance * largest(relative(jnp.abs(force), rounding * pulls + nothing))
         return jnp.where(singular, exact, jnp.minimum(metric, exact))
 
     dual = jax.lax.cond(jnp.any(singular | ~(metric <= tolerance)), by_variable, lambda: metric)
     residual = jnp.maximum(dual, tolerance * row)
-    cost = apply(factor.root, program.q)
-    floor = jnp.sqrt(jnp.finfo(x.dtype).eps) * jnp.sqrt(jnp.sum(cost * cost, axis=0))
+    floor = jnp.sqrt(jnp.finfo(x.dtype).eps) * free
     scale = jnp.maximum(energy, jnp.maximum(floor, largest(jnp.where(y != 0, bound, 0))))
     scale = jnp.maximum(scale, jnp.finfo(x.dtype).tiny)
     residual = jnp.where(jnp.isfinite(residual) & jnp.isfinite(scale), residual, jnp.inf)
-    feasible = largest(relative(violation, jnp.sqrt(tolerance) * terms)) <= 1
+    feasible = largest(relative(violation, tolerance**0.5 * terms + nothing)) <= 1
     return Assessment(y, values, residual, scale, feasible)
 
 
