@@ -21,9 +21,11 @@ import tyro
 from rich.table import Table
 
 from experiments.shared.console import console, exit_with, say
+from iwalker_jax.data.recordings import depth_images, read_depth_png
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation import pyplot, save_figure
-from iwalker_jax.perception import CameraMount, Intrinsics, depth_from_uint16
+from iwalker_jax.perception import CameraMount, Intrinsics
+from iwalker_jax.perception.depth_png import png_size
 from iwalker_jax.scenes import (
     DepthNoise,
     add_depth_noise,
@@ -176,11 +178,16 @@ def _simulated_views(command: Command) -> tuple[np.ndarray, np.ndarray]:
 
 def _read_millimetres(folder: Path) -> np.ndarray:
     """(N, height, width) depth [m] of a folder's PNG files, every second pixel."""
-    images = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in sorted(folder.glob("*.png"))]
-    readable = [image for image in images if image is not None]
-    if len(readable) < 4 or len(readable) < len(images):
-        raise InputError(f"{folder} needs at least 4 PNG depth images, all readable; check the folder.")
-    return np.stack([depth_from_uint16(image, 0.001)[::2, ::2] for image in readable])
+    files, _ = depth_images(folder)
+    if len(files) < 4:
+        raise InputError(f"{folder} needs at least 4 PNG depth images but holds {len(files)}; check the folder.")
+    images = []
+    for file in files:
+        try:
+            images.append(read_depth_png(file, 0.001, png_size(files[0]))[::2, ::2])
+        except InputError as error:
+            raise InputError(f"{file} {error}") from None
+    return np.stack(images)
 
 
 def _average(statistics: list[FrameStatistics]) -> FrameStatistics:

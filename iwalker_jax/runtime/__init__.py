@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         is_first,
         join_group,
     )
+    from iwalker_jax.runtime.reading import printable, read_bytes, read_text
 
 __all__ = [
     "ProcessGroup",
@@ -36,6 +37,9 @@ __all__ = [
     "is_first",
     "join_group",
     "machine",
+    "printable",
+    "read_bytes",
+    "read_text",
     "requested_devices",
     "write_csv",
     "write_json",
@@ -47,6 +51,7 @@ _HOMES = {
     "devices": "ShardedProgram chosen_devices machine",
     "files": "atomic_write write_csv write_json write_npz write_text",
     "processes": "ProcessGroup barrier broadcast device_put exit_process is_first join_group",
+    "reading": "printable read_bytes read_text",
 }
 
 __getattr__, __dir__ = lazy_names(__name__, _HOMES)

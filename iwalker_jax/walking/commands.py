@@ -22,12 +22,14 @@ from iwalker_jax.control import (
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import Side, host, other_side
 from iwalker_jax.robot import FEET
+from iwalker_jax.runtime import read_text
 
 MotionKind = Literal["stand", "in_place", "straight", "sideways", "turn", "s_curve", "footsteps", "path"]
 
 CURVE_RADIUS = 1.0
 """[m] of both arcs of the S-curve."""
 _PACE_CHANGE = 0.03  # [m] by which successive steps may lengthen
+_MAX_FILE_BYTES = 16 * 1024 * 1024  # of a path
 _ROWS = 64  # of a plan, or a multiple
 _SETTLING = 2.0  # [s] allowed for coming to rest
 
@@ -185,9 +187,9 @@ def load_path(file: Path) -> Float[np.ndarray, "n 2"]:
         InputError: with what is wrong.
     """
     try:
-        lines = Path(file).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"The path file {file} cannot be read ({error}); give a CSV file.") from error
+        lines = read_text(Path(file), _MAX_FILE_BYTES).splitlines()
+    except InputError as error:
+        raise InputError(f"The path file {file} cannot be read: it {error}") from None
     points: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
