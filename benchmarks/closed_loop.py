@@ -22,7 +22,7 @@ import numpy as np  # noqa: E402
 from flax import nnx  # noqa: E402
 
 from benchmarks.timing import timed  # noqa: E402
-from experiments.shared.planners import planner_of  # noqa: E402
+from iwalker_jax.commands.shared.planners import planner_of  # noqa: E402
 from iwalker_jax.control import control_step  # noqa: E402
 from iwalker_jax.geometry import Side  # noqa: E402
 from iwalker_jax.navigation import (  # noqa: E402

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.log import EpisodeKey
 from iwalker_jax.navigation import POLICIES
-from iwalker_jax.streams import STUDY_TASKS, mixed_seed
+from iwalker_jax.streams import STUDY_TASKS, check_seed, mixed_seed
 from iwalker_jax.tasks import TASK_NAMES, Task, generated_tasks, named_task
 
 GENERATED = "generated"
@@ -19,6 +19,9 @@ EPISODE_SETS: tuple[str, ...] = (GENERATED, *TASK_NAMES)
 
 NETWORKS_MARK = "@"
 """In a policy's name, before the name of the networks that it asks instead of the study's own."""
+
+
+_WIDEST = 65_536
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,9 @@ class StudySettings:
         for name, low in (("count", 1), ("seeds", 1), ("width", 1), ("seed", 0)):
             if getattr(self, name) < low:
                 raise InputError(f"The study's {name} is {getattr(self, name)}; give at least {low}.")
+        check_seed(self.seed, "the study")
+        if self.width > _WIDEST:
+            raise InputError(f"The study's width is {self.width}; give at most {_WIDEST} episodes at a time.")
         if max(self.count, self.seeds) > STUDY_TASKS.size:
             raise InputError(
                 f"A set of more than {STUDY_TASKS.size} episodes was asked for; give smaller count and seeds."
