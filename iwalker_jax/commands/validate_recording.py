@@ -13,6 +13,7 @@ from rich.table import Table
 from iwalker_jax.commands.shared.console import FAILURES, console, exit_with, require_counts, require_devices
 from iwalker_jax.data import RecordingReport, validate_recording
 from iwalker_jax.perception import Intrinsics
+from iwalker_jax.runtime import printable
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def print_report(report: RecordingReport, max_problems: int) -> None:
     """Print a summary, at most so many problems, and what was assumed."""
-    summary = Table(show_header=False, title=f"Recording {escape(str(report.folder))}")
+    summary = Table(show_header=False, title=f"Recording {escape(printable(report.folder, 300))}")
     summary.add_row("layout", report.layout)
     summary.add_row("frames", f"{len(report.usable)} usable of {report.found}")
     if report.intrinsics is not None:

@@ -20,7 +20,7 @@ from iwalker_jax.runtime.reading import read_bytes
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOUR_TYPES = {2: "3 channels", 3: "a palette", 4: "2 channels", 6: "4 channels"}
 _MAX_BYTES = 128 * 1024 * 1024
-MAX_PIXELS = 16 * 1024 * 1024
+MAX_PIXELS = 16_000_000
 """More than any depth camera has; what claims more is not unpacked."""
 
 _MIN_VALID = 0.01  # fraction of pixels; fewer show nothing that a planner could use

@@ -452,7 +452,7 @@ def wrong_poses(rng):
     draft = yaml_draft(rng, poses=True)
     rows = np.array(POSES)
     k = int(rng.integers(1, FRAMES - 1))
-    how = rng.integers(16)
+    how = rng.integers(18)
     changed: Any = rows.tolist()
     if how == 0:
         changed = rows[:, :2].reshape(-1, 2).tolist()
@@ -491,6 +491,12 @@ def wrong_poses(rng):
         del draft.files[image_name(k)]
         draft.expected, draft.left = "left_out", (image_name(k),)
         draft.poses = [row[0] for n, row in enumerate(POSES) if n != k]
+    elif how == 16:
+        changed = rows[:, [2, 0, 1]].tolist()
+        draft.expected = "doubted"  # yaw x y
+    elif how == 17:
+        draft.files[image_name(k)] = draft.files[image_name(k - 1)]
+        draft.expected, draft.left = "left_out", (image_name(k),)
     elif how == 14:
         for n in range(k, FRAMES):
             changed[n][0] += 1000.0

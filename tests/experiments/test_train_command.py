@@ -47,7 +47,8 @@ def test_a_run_leaves_everything_it_promises(finished_run, cache):
         assert sheet is not None and sheet.std() > 10
     with (folder / "evaluation" / "table.csv").open() as stream:
         rows = list(csv.DictReader(stream))
-    assert [row["scene"] for row in rows] == [*SCENES, "unseen"]
+    plans = ("planner", "stand still", "straight line")
+    assert [(row["scene"], row["plans"]) for row in rows] == [(s, p) for s in (*SCENES, "unseen") for p in plans]
     assert all(np.isfinite(float(row["feasibility"])) and 0 <= float(row["served %"]) <= 100 for row in rows)
     assert list((cache / "frames").glob("16-0-*.npz"))
 

@@ -21,12 +21,15 @@ from iwalker_jax.commands.train import prepare_data
 from iwalker_jax.evaluation import Table
 from iwalker_jax.evaluation.frames import (
     FRAME_COLUMNS,
+    REFERENCE_NAMES,
+    UNCHARGED_COLUMNS,
     FrameSequence,
+    ReferencePlanner,
     evaluate_sequence,
     frame_values,
     standard_sequences,
 )
-from iwalker_jax.planning import Planner
+from iwalker_jax.planning import Planner, PlannerModels
 from iwalker_jax.training import TrainConfig, TrainingData, make_planner, planner_from, train
 
 
@@ -116,6 +119,9 @@ def run_training_study(
     table = None
     for seed in range(seeds):
         trained: dict[str, Planner] = {}
+        for name in REFERENCE_NAMES:
+            reference = ReferencePlanner(name, variants[0].config.planner)
+            _score(name, reference, variants[0].config.models, sequences, seed, scores)
         for variant in variants:
             config = dataclasses.replace(variant.config, seed=seed)
             if variant.trained:
@@ -126,14 +132,15 @@ def run_training_study(
             else:
                 planner = make_planner(config)
             trained[variant.label] = planner
-            _score(planner, variant, sequences, scores)
+            _score(variant.label, planner, variant.config.models, sequences, seed, scores)
         rows = tuple(
-            ((variant.label, sequence.name), tuple(scores[variant.label, sequence.name]))
+            ((label, sequence.name), tuple(scores[label, sequence.name]))
             for sequence in sequences
-            for variant in variants
+            for label in (*REFERENCE_NAMES, *(variant.label for variant in variants))
         )
         table = Table(rows, ("method", "scene"), FRAME_COLUMNS)
         table.save(folder, title)
+        Table(rows, ("method", "scene"), UNCHARGED_COLUMNS).save(folder, f"{title}_uncharged")
         say(f"After {seed + 1} of {seeds} seeds:")
         say(table.text())
         also(table, folder)
@@ -157,7 +164,15 @@ def _train(label: str, config: TrainConfig, data: TrainingData, folder: Path, st
     return None if result.interrupted else planner_from(config, result.state.params)
 
 
-def _score(planner: Planner, variant: Variant, sequences: list[FrameSequence], scores: dict) -> None:
+def _score(
+    label: str,
+    planner: Planner | ReferencePlanner,
+    models: PlannerModels,
+    sequences: list[FrameSequence],
+    seed: int,
+    scores: dict[tuple[str, str], list[dict[str, float]]],
+) -> None:
+    """Add the planner's figures on every sequence; robots are in the same states for every planner of a seed."""
     for sequence in sequences:
-        result = evaluate_sequence(planner, variant.config.models, sequence)
-        scores.setdefault((variant.label, sequence.name), []).append(frame_values(result))
+        result = evaluate_sequence(planner, models, sequence, seed=seed)
+        scores.setdefault((label, sequence.name), []).append(frame_values(result))

@@ -121,7 +121,8 @@ def check_intrinsics(intrinsics: Intrinsics) -> None:
     K = intrinsics
     if K.width * K.height > MAX_PIXELS:
         raise InputError(
-            f"The intrinsics are for {K.width} x {K.height} px; more than {MAX_PIXELS / 1e6:.0f} million are not read."
+            f"The intrinsics are for {printable(K.width, 20)} x {printable(K.height, 20)} px; more than "
+            f"{MAX_PIXELS / 1e6:g} million are not read."
         )
     views = [math.degrees(2.0 * math.atan(0.5 * size / f)) for size, f in ((K.width, K.fx), (K.height, K.fy))]
     if not all(10.0 < view < 170.0 for view in views):

@@ -22,7 +22,7 @@ MAX_DEVIATION = (0.15, math.radians(10.0), math.radians(10.0))
 """[m], [rad], [rad] of one frame's fitted height, pitch and roll from the median."""
 
 _MAX_ERROR = (0.1, math.radians(8.0), math.radians(8.0))  # of what is written down, from the fitted median
-_USUAL_HEIGHT = (0.35, 1.0)  # [m] of a camera on a robot of this size
+_USUAL_HEIGHT = (0.4, 0.8)  # [m] of a camera on a robot of this size
 _USUAL_PITCH, _USUAL_ROLL = (math.radians(-10.0), math.radians(50.0)), math.radians(15.0)
 _MIN_SHARE = 0.05  # of frames that must show the floor
 _FEW = 0.5  # of frames; where fewer show the floor, another reading may show it in more

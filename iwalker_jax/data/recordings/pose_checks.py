@@ -59,6 +59,18 @@ def check_poses(poses: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
     return alone
 
 
+def doubts_about_walking(poses: Float[np.ndarray, "n 3"]) -> list[str]:
+    """What is odd about poses [x m, y m, yaw rad] though it can be; NaN where a pose is unknown."""
+    rows = poses[np.isfinite(poses).all(axis=1)]
+    angle = _walks_along(rows, rows[:, 2])
+    if not angle > _ASIDE:
+        return []
+    return [
+        f"say that the robot walks at {math.degrees(angle):.0f} degrees to where it faces (median); check that rows "
+        "are x y yaw and that yaw is counted anticlockwise from the x axis."
+    ]
+
+
 def _largest(values: Float[np.ndarray, "*shape"]) -> float:
     return float(values.flat[np.argmax(np.abs(values))])
 

@@ -15,7 +15,7 @@ from iwalker_jax.data.recordings.folder_files import depth_images, is_there
 from iwalker_jax.data.recordings.free_ground import goal_places, reachable_ground
 from iwalker_jax.data.recordings.metadata import RecordingMetadata, check_intrinsics
 from iwalker_jax.data.recordings.mount_checks import Reading, check_mount, fit_mount, mounts_of, turned
-from iwalker_jax.data.recordings.pose_checks import MAX_STEP, check_end, check_goals, check_poses
+from iwalker_jax.data.recordings.pose_checks import MAX_STEP, check_end, check_goals, check_poses, doubts_about_walking
 from iwalker_jax.data.recordings.report import FileProblem, RecordingReport
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import Intrinsics, depth_from_uint16, resize_depth
@@ -24,6 +24,8 @@ from iwalker_jax.runtime import printable
 
 NO_FREE_GROUND = "shows no free ground ahead."
 """Problem of a frame that no goal can be given to."""
+
+_SEEN_MOVE = 0.1  # [m] of the base, which every image shows
 
 _READERS = {
     "yaml": yaml_layout.read_yaml_layout,
@@ -116,6 +118,7 @@ def _examine(
         report = replace(report, layout=_recognise(folder))
         metadata = _READERS[report.layout](folder, intrinsics, depth_scale)
         report = _report(report, metadata, found=len(metadata.images))
+        metadata.assumptions += _unread(folder, report.layout)
         metadata = _checked(metadata)
         metadata, fits = _readable(metadata, camera)
         report = _report(report, metadata)
@@ -167,6 +170,13 @@ def _recognise(folder: Path) -> str:
     )
 
 
+def _unread(folder: Path, layout: str) -> list[str]:
+    """Says which files of other layouts lie there as well."""
+    files = {"yaml": yaml_layout.FILE_NAME, "iplanner": iplanner_layout.ODOMETRY, "tum": tum_layout.GROUND_TRUTH}
+    others = [name for other, name in files.items() if other != layout and is_there(folder / name)]
+    return [f"The folder is read in the layout {layout}; {', '.join(others)} in it is not read."] if others else []
+
+
 def _checked(metadata: RecordingMetadata) -> RecordingMetadata:
     """The metadata without poses that nothing is known of; InputError for what cannot be."""
     check_intrinsics(metadata.intrinsics)
@@ -186,8 +196,12 @@ def _checked(metadata: RecordingMetadata) -> RecordingMetadata:
 
 def _readable(metadata: RecordingMetadata, camera: Intrinsics) -> tuple[RecordingMetadata, Float[np.ndarray, "n 4"]]:
     """The metadata of frames that can be read, with a pose where there are poses, and their floor fits."""
-    kept, fits = [], []
+    kept: list[int] = []
+    fits = []
+    last = np.zeros(0)
     strays = None if metadata.poses is None else check_poses(metadata.poses)
+    if metadata.poses is not None:
+        metadata.problems += [FileProblem("poses", doubt) for doubt in doubts_about_walking(metadata.poses)]
     first = ""
     for row, path in enumerate(metadata.images):
         try:
@@ -199,11 +213,26 @@ def _readable(metadata: RecordingMetadata, camera: Intrinsics) -> tuple[Recordin
             metadata.problems.append(FileProblem(_name(metadata, path), str(error)))
             first = first or f"{_name(metadata, path)} {error}"
             continue
+        image = np.asarray(frame)
+        if kept and np.array_equal(image, last) and _moves(metadata, kept[-1], row):
+            problem = (
+                f"shows exactly what {_name(metadata, metadata.images[kept[-1]])} shows, though the base has moved."
+            )
+            metadata.problems.append(FileProblem(_name(metadata, path), problem))
+            continue
+        last = image
         kept.append(row)
         fits.append(fit_mount(frame, camera))
     if not kept:
         raise InputError(f"None of its {len(metadata.images)} images is usable. The first: {first}")
     return _selected(metadata, kept), np.array(fits)
+
+
+def _moves(metadata: RecordingMetadata, row: int, other: int) -> bool:
+    """Whether the base moves between two images so far that they must differ."""
+    if metadata.poses is None:
+        return False
+    return float(np.linalg.norm(metadata.poses[other, :2] - metadata.poses[row, :2])) > _SEEN_MOVE
 
 
 def _selected(metadata: RecordingMetadata, rows: list[int]) -> RecordingMetadata:
