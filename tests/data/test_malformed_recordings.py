@@ -41,6 +41,15 @@ def test_the_turn_that_shows_the_floor_is_named(tmp_path, turn, words):
     assert "found in 0 of 5 frames" in fatal and words in fatal
 
 
+def test_what_is_wrong_with_each_file_is_said_when_nothing_is_left(tmp_path):
+    """Oracle: the test cuts every image."""
+    draft = yaml_draft(np.random.default_rng(0), mount=True)
+    draft.files = dict.fromkeys(draft.files, png(FLOORS[0])[:-50])
+    report = validate_recording(draft.write(tmp_path / "cut"))
+    assert not report.is_usable and report.found == 5
+    assert [problem.file for problem in report.problems] == [image_name(k) for k in range(5)]
+
+
 @pytest.mark.parametrize("key, value", [("height", 0.75), ("pitch_deg", 31.0), ("pitch_deg", 0.35), ("roll_deg", -6.0)])
 def test_a_written_mount_that_the_floor_contradicts_is_refused(tmp_path, key, value):
     """Oracle: the mount from which the images were computed."""

@@ -114,34 +114,34 @@ def _examine(
     folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None, camera: Intrinsics
 ) -> tuple[RecordingReport, Recording | None]:
     report = RecordingReport(folder, "unknown")
+    metadata = None
     try:
         report = replace(report, layout=_recognise(folder))
         metadata = _READERS[report.layout](folder, intrinsics, depth_scale)
-        report = _report(report, metadata, found=len(metadata.images))
+        report = replace(report, found=len(metadata.images))
         metadata.assumptions += _unread(folder, report.layout)
         metadata = _checked(metadata)
         metadata, fits = _readable(metadata, camera)
-        report = _report(report, metadata)
         metadata.problems += _doubts(metadata, fits, camera)
         mounts, assumed = mounts_of(metadata.mounts, fits)
         metadata.assumptions += assumed
         metadata, mounts, reachable = _with_free_ground(metadata, mounts.astype(np.float32), camera)
-        report = _report(report, metadata)
         if metadata.poses is not None and metadata.goals is None:
             check_end(metadata.poses)
     except InputError as error:
-        return replace(report, usable=(), fatal=str(error)), None
+        known = report if metadata is None else _report(report, metadata)
+        return replace(known, fatal=str(error)), None
     median = tuple(float(value) for value in np.median(mounts, axis=0))
-    report = replace(report, usable=tuple(_name(metadata, path) for path in metadata.images), mount=median)
+    usable = tuple(_name(metadata, path) for path in metadata.images)
+    report = replace(_report(report, metadata), usable=usable, mount=median)
     poses, goals = (None if table is None else table.astype(np.float32) for table in (metadata.poses, metadata.goals))
     return report, Recording(report, metadata, mounts, poses, goals, reachable, camera)
 
 
-def _report(report: RecordingReport, metadata: RecordingMetadata, found: int | None = None) -> RecordingReport:
-    """The report with what is known by now."""
+def _report(report: RecordingReport, metadata: RecordingMetadata) -> RecordingReport:
+    """The report with what is known by now; every copy of the metadata adds to the same problems and assumptions."""
     return replace(
         report,
-        found=report.found if found is None else found,
         problems=tuple(metadata.problems),
         assumptions=tuple(metadata.assumptions),
         intrinsics=metadata.intrinsics,
