@@ -32,6 +32,7 @@ from iwalker_jax.evaluation.episodes import (
     StudyProgress,
     StudySettings,
     episode_table,
+    named_sets,
     policy_and_networks,
     run_episode_study,
     write_report,
@@ -58,7 +59,7 @@ class Command:
         unseen_scenes: number of held-out generated scenes whose frames to evaluate; 0 leaves them out.
         data: also evaluate on the frames of your own recording (only what needs no ground truth).
         episodes: comma-separated sets of episodes: generated, factory, corridor, office, test_stair, test_office,
-            test_corridor, test_corner; `none` for no episodes.
+            test_corridor, test_corner, rooms (every hard room, or by name: room_gap_45 ...); `none` for no episodes.
         count: of generated episodes.
         seeds: of every other set.
         policies: ways to navigate, comma-separated: default (iPath leads to the next way point of the remembered
@@ -128,7 +129,7 @@ def study_settings(command: Command, planner: Planner, name: str) -> tuple[Study
     settings = StudySettings(
         name,
         policies,
-        episode_sets,
+        named_sets(episode_sets),
         command.count,
         command.seeds,
         command.depth,
