@@ -22,7 +22,7 @@ import numpy as np  # noqa: E402
 from flax import nnx  # noqa: E402
 
 from benchmarks.timing import timed  # noqa: E402
-from experiments.shared.planners import planner_of  # noqa: E402
+from iwalker_jax.commands.shared.planners import planner_of  # noqa: E402
 from iwalker_jax.control import control_step  # noqa: E402
 from iwalker_jax.geometry import Side  # noqa: E402
 from iwalker_jax.navigation import (  # noqa: E402
@@ -39,17 +39,22 @@ from iwalker_jax.navigation import (  # noqa: E402
     start_episode,
 )
 from iwalker_jax.navigation.depth_camera import take_depth  # noqa: E402
-from iwalker_jax.navigation.guide import Guidance, Observation, guide, network_path, route_costs  # noqa: E402
+from iwalker_jax.navigation.guide import (  # noqa: E402
+    Guidance,
+    Observation,
+    coarse_mean,
+    guide,
+    network_path,
+    route_costs,
+    route_grid,
+)
 from iwalker_jax.navigation.map_memory import memory_cells, update_memory, window_origin  # noqa: E402
 from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
 from iwalker_jax.perception import (  # noqa: E402
-    DEFAULT_GRID,
     Intrinsics,
     best_routes,
     clean_depth,
     free_and_occupied,
-    halved,
-    pool_2x2,
     signed_distance_field,
     softened,
 )
@@ -117,18 +122,19 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
     cleaned = observation._replace(depth=jax.jit(jax.vmap(clean_depth))(depth))
 
     def add_map(s: LoopState, at: Observation) -> tuple:
-        frame = free_and_occupied(clean_depth(at.depth), at.mount, nav.intrinsics, DEFAULT_GRID, parameters.obstacles)
-        memory = update_memory(memory_parameters, s.memory, at.base, *frame)
+        grid = memory_parameters.frame_grid
+        frame = free_and_occupied(clean_depth(at.depth), at.mount, nav.intrinsics, grid, parameters.obstacles)
+        memory = update_memory(memory_parameters, s.memory, at.base, *frame, grid)
         occupied, unknown = memory_cells(memory_parameters, memory)
         esdf = signed_distance_field(occupied, memory_parameters.resolution)
-        return esdf, occupied, unknown, window_origin(memory_parameters, memory)
+        return esdf, unknown, window_origin(memory_parameters, memory)
 
     maps = jax.jit(jax.vmap(add_map))(state, observation)
 
-    def route(esdf: jax.Array, occupied: jax.Array, unknown: jax.Array, origin: jax.Array, at: Observation) -> tuple:
-        unseen = softened(pool_2x2(unknown.astype(esdf.dtype)))
-        to_go = route_costs(parameters, occupied, esdf, unseen, at.goal - origin)
-        return best_routes(to_go, unseen, at.goal - origin, at.base[:2] - origin, halved(memory_parameters.grid))
+    def route(esdf: jax.Array, unknown: jax.Array, origin: jax.Array, at: Observation) -> tuple:
+        unseen = softened(coarse_mean(unknown.astype(esdf.dtype)))
+        to_go = route_costs(parameters, esdf, unseen, at.goal - origin)
+        return best_routes(to_go, unseen, at.goal - origin, at.base[:2] - origin, route_grid(memory_parameters.grid))
 
     def ipath(at: Observation) -> jax.Array:
         return network_path(nav.planner.merge(), at, at.goal)
@@ -146,7 +152,7 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
         zero, right = jnp.zeros(()), jnp.asarray(Side.RIGHT)
         stance = Stance(terms.com[:2], terms.com_velocity[:2], terms.foot_positions[0, :2], zero, right, zero)
         istepper = nav.planner.merge().istepper
-        return plan_steps(nav.pursuit, istepper, way.path, way.face_point, stance)
+        return plan_steps(nav.pursuit, istepper, way.path, way.face_point, stance, terms.com[:2])
 
     def think(c: Conditions, s: LoopState) -> Any:
         def tick(memory: Any, _: None) -> tuple[Any, None]:
@@ -169,7 +175,7 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
         "map and distance field": (setting.time(add_map, state, observation), frames),
         "route on the map": (setting.time(route, *maps, observation), frames),
         "iPath": (setting.time(ipath, cleaned), frames),
-        "band off obstacles": (setting.time(band, maps[0], maps[3], guidance), frames),
+        "band off obstacles": (setting.time(band, maps[0], maps[2], guidance), frames),
         "iStepper and course": (setting.time(footsteps, state, guidance), nav.loop.checks_per_frame * frames),
         "body clearance": (setting.time(clearance, tasks, state), nav.loop.checks_per_frame * frames),
         "sensors, estimator, control": (thinking / TICKS, 500.0),
@@ -218,7 +224,7 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
 
     @jax.jit
     def step(split: SplitModule[Planner], path: jax.Array) -> jax.Array:
-        return plan_steps(navigator.pursuit, split.merge().istepper, path, path[-1], stance).positions
+        return plan_steps(navigator.pursuit, split.merge().istepper, path, path[-1], stance, jnp.zeros(2))[0].positions
 
     published = IPathConfig(variant="paper", trunk_width=64, goal_is_end=True, even=False)
     large = dataclasses.replace(published, camera=Intrinsics(640, 360, 320.0, 320.0, 319.5, 179.5))

@@ -5,9 +5,11 @@ Run with `python -m benchmarks.cost_to_go`. Dijkstra gets its graph ready-made; 
 
 from functools import partial
 
+from benchmarks.extras import read_no_options, require
 from iwalker_jax.runtime.settings import configure_runtime
 
 configure_runtime()
+require("scipy")
 
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
@@ -122,4 +124,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    read_no_options(__doc__)
     main()

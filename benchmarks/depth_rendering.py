@@ -12,6 +12,7 @@ import jax.numpy as jnp  # noqa: E402
 import mujoco  # noqa: E402
 import numpy as np  # noqa: E402
 
+from benchmarks.extras import read_no_options  # noqa: E402
 from benchmarks.timing import timed  # noqa: E402
 from iwalker_jax.perception import CameraMount, Intrinsics  # noqa: E402
 from iwalker_jax.runtime import machine  # noqa: E402
@@ -109,4 +110,5 @@ def report(
 
 
 if __name__ == "__main__":
+    read_no_options(__doc__)
     main()

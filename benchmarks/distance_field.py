@@ -5,9 +5,11 @@ Run with `python -m benchmarks.distance_field`. Both peers do the same two-sided
 
 from functools import partial
 
+from benchmarks.extras import read_no_options, require
 from iwalker_jax.runtime.settings import configure_runtime
 
 configure_runtime()
+require("scipy")
 
 import cv2  # noqa: E402
 import jax  # noqa: E402
@@ -114,4 +116,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    read_no_options(__doc__)
     main()

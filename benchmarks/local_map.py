@@ -16,6 +16,7 @@ import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 
+from benchmarks.extras import read_no_options  # noqa: E402
 from benchmarks.timing import timed  # noqa: E402
 from iwalker_jax.perception import (  # noqa: E402
     DEFAULT_GRID,
@@ -129,6 +130,7 @@ def quality_table(frames: list[tuple[SceneArrays, jax.Array, jax.Array]]) -> Non
 
 
 def main() -> None:
+    """Print the tables."""
     print(f"{machine()}\n")
     frames = views(VIEWS)
     scene, pose, mount = frames[0]
@@ -138,4 +140,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    read_no_options(__doc__)
     main()

@@ -10,9 +10,11 @@ from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
 
+from benchmarks.extras import require
 from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
 configure_runtime(requested_devices(sys.argv))
+require("clarabel", "osqp", "quadprog", "scipy")
 
 import clarabel  # noqa: E402
 import jax  # noqa: E402
@@ -23,6 +25,8 @@ import quadprog  # noqa: E402
 import scipy.sparse as sparse  # noqa: E402
 from jax.sharding import Mesh, PartitionSpec  # noqa: E402
 
+from benchmarks.problems.hard_qps import hard_qps  # noqa: E402
+from benchmarks.problems.whole_body_qps import whole_body_qps  # noqa: E402
 from benchmarks.timing import compiled, timed  # noqa: E402
 from iwalker_jax.optimization import (  # noqa: E402
     QpPoint,
@@ -36,8 +40,6 @@ from iwalker_jax.optimization import (  # noqa: E402
     solve_qp,
 )
 from iwalker_jax.runtime.devices import machine  # noqa: E402
-from problems.hard_qps import hard_qps  # noqa: E402
-from problems.whole_body_qps import whole_body_qps  # noqa: E402
 
 Arrays = tuple[np.ndarray, ...]
 REPEATS = 7

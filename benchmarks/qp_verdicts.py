@@ -21,7 +21,7 @@ import scipy.sparse as sparse
 from scipy.optimize import linprog
 
 from iwalker_jax.optimization import QuadraticProgram, Status, solve_qp
-from problems.ugly_qps import UglyQp, ugly_qps
+from benchmarks.problems.ugly_qps import UglyQp, ugly_qps
 
 _COUNTS = ("wrong", "false infeasible", "false other", "false derivative", "no claim")
 _WRONG = 1e-2  # of the cost's own terms, or of a row's

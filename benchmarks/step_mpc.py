@@ -6,9 +6,11 @@ Run: python -m benchmarks.step_mpc [--horizon 20] [--batch 16]
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from benchmarks.extras import require
 from iwalker_jax.runtime.settings import configure_runtime
 
 configure_runtime()
+require("clarabel", "osqp", "scipy")
 
 import clarabel  # noqa: E402
 import jax  # noqa: E402
@@ -19,6 +21,7 @@ import tyro  # noqa: E402
 from jaxtyping import Array  # noqa: E402
 from scipy import sparse  # noqa: E402
 
+from benchmarks.problems.step_qps import StepQp, build_step_qp, irregular_walk  # noqa: E402
 from benchmarks.timing import timed  # noqa: E402
 from iwalker_jax.optimization import (  # noqa: E402
     HlipParameters,
@@ -32,7 +35,6 @@ from iwalker_jax.optimization import (  # noqa: E402
     step_bounds,
 )
 from iwalker_jax.runtime.devices import machine  # noqa: E402
-from problems.step_qps import StepQp, build_step_qp, irregular_walk  # noqa: E402
 
 Plan = Callable[[Array, Array, Array], tuple[Array, Array]]
 

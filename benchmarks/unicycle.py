@@ -9,9 +9,11 @@ import argparse
 import statistics
 from typing import Any
 
+from benchmarks.extras import require
 from iwalker_jax.runtime.settings import configure_runtime
 
 configure_runtime()
+require("casadi", "osqp", "scipy")
 
 import casadi  # noqa: E402
 import jax  # noqa: E402

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks.extras import read_no_options
 from benchmarks.timing import once
 from bruce_model import load_mujoco
 from iwalker_jax.control import FootstepPlan, make_controller, make_plan, velocity_footsteps
@@ -121,4 +122,5 @@ def report(value: Callable, inputs: dict[str, jax.Array], ticks: int) -> None:
 
 
 if __name__ == "__main__":
+    read_no_options(__doc__)
     raise SystemExit(main())

@@ -1,1 +1,1 @@
-"""Commands: `python -m experiments.train`, `evaluate`, `compare`, `ablation` and tools for recordings and noise."""
+"""Commands of a checkout, `python -m experiments.train` and its neighbours; installed they are `iwalker-train`, ..."""

@@ -28,8 +28,21 @@ from iwalker_jax.errors import InputError
 WORD = 2**32
 """A seed is one word of entropy; a larger number would count as two and could meet another draw."""
 
+SEED_END = 2**31
+"""Users' seeds stay below: JAX's keys take no more from an integer."""
+
 FAMILY_LIMIT = 1000
 """Words below this belong to the training families."""
+
+
+def check_seed(seed: int, what: str) -> None:
+    """Refuse a user's seed that not every generator takes.
+
+    Raises:
+        InputError: unless it lies from 0 to 2^31 - 1, which every integer type holds.
+    """
+    if not 0 <= seed < SEED_END:
+        raise InputError(f"The seed of {what} is {seed}; give a whole number from 0 to {SEED_END - 1}.")
 
 
 @dataclass(frozen=True)

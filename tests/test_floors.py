@@ -12,12 +12,13 @@ FLOORS = (
     ("checks", "streams", "runtime", "geometry"),
     ("optimization", "bruce_model"),
     ("perception", "robot"),
-    ("planning", "scenes", "control", "estimation", "problems"),
+    ("planning", "scenes", "control", "estimation"),
     ("tasks", "walking"),
     ("navigation", "film"),
     ("data",),
     ("training", "evaluation"),
     ("api",),
+    ("commands",),
     ("experiments",),
     ("benchmarks",),
     ("examples",),
@@ -31,9 +32,7 @@ LARGEST_ROOM = 16
 
 def product_files() -> list[Path]:
     """All Python files that are not tests."""
-    folders = [
-        ROOT / name for name in ("iwalker_jax", "experiments", "benchmarks", "problems", "bruce_model", "examples")
-    ]
+    folders = [ROOT / name for name in ("iwalker_jax", "experiments", "benchmarks", "bruce_model", "examples")]
     return sorted(file for folder in folders for file in folder.rglob("*.py"))
 
 
@@ -93,7 +92,7 @@ def test_examples_go_in_by_the_front_door_and_the_faces_of_rooms():
         for file in product_files()
         if room_of(module_of(file)) == "examples"
         for module in imported_modules(file)
-        if module.split(".")[0] in ("iwalker_jax", "experiments", "benchmarks", "problems", "bruce_model")
+        if module.split(".")[0] in ("iwalker_jax", "experiments", "benchmarks", "bruce_model")
         and not (ROOT / module.replace(".", "/") / "__init__.py").exists()
     ]
     assert deep == [], "examples import from faces"
@@ -125,7 +124,7 @@ def test_no_circles_between_files():
                 branches.append(iter(sorted(graph[following])))
 
 
-@pytest.mark.parametrize("package", ["iwalker_jax", "experiments", "benchmarks", "problems", "bruce_model", "examples"])
+@pytest.mark.parametrize("package", ["iwalker_jax", "experiments", "benchmarks", "bruce_model", "examples"])
 def test_no_room_is_crowded(package):
     folders = {file.parent for file in (ROOT / package).rglob("*.py")}
     crowded = {str(f.relative_to(ROOT)): len(list(f.glob("*.py"))) for f in folders}

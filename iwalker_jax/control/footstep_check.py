@@ -8,7 +8,9 @@ from jaxtyping import Float
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import Side, host, side_of_step, side_sign
 from iwalker_jax.optimization import StepReach
+from iwalker_jax.runtime import read_text
 
+_MAX_FILE_BYTES = 16 * 1024 * 1024
 _LARGEST_TURN = 0.6  # rad between successive feet; the hip yaws by half of it either way
 
 
@@ -67,9 +69,9 @@ def load_footsteps(file: Path) -> tuple[np.ndarray, np.ndarray, Side]:
         InputError: with the line that is wrong.
     """
     try:
-        text = Path(file).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"The footstep file {file} cannot be read ({error}); give a CSV file.") from error
+        text = read_text(Path(file), _MAX_FILE_BYTES)
+    except InputError as error:
+        raise InputError(f"The footstep file {file} cannot be read: it {error}") from None
     rows: list[tuple[Side, float, float, float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):

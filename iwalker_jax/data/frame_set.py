@@ -1,9 +1,6 @@
 """Frame sets: depth images with mounts and goals, the one form in which training data reaches the planner."""
 
-import hashlib
-import io
 import json
-import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,10 +10,13 @@ from jaxtyping import Float, Float32, Int, UInt16
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import Intrinsics
-from iwalker_jax.runtime import atomic_write, write_text
+from iwalker_jax.runtime import read_npz, write_npz
 
 DEPTH_UNIT = 0.001
 """[m] stored depth unit: depth images rest as uint16 millimetres, as the sensors deliver them."""
+
+
+_ARRAYS = ("depth", "mounts", "goals", "poses", "scene_index")
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,23 +126,15 @@ def depth_to_millimetres(depth: Float[np.ndarray, "*shape"]) -> UInt16[np.ndarra
 
 
 def save_frames(frames: FrameSet, file: Path) -> None:
-    """Write a frame set and the checksum that `load_frames` verifies; the file appears only when complete."""
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        depth=frames.depth,
-        mounts=frames.mounts,
-        goals=frames.goals,
-        poses=frames.poses,
-        scene_index=frames.scene_index,
-        scene_names=np.array(json.dumps(frames.scene_names)),
-        camera=np.array(json.dumps(asdict(frames.camera))),
-    )
-    payload = buffer.getvalue()
+    """Write a frame set to an .npz file with a checksum; it appears only when complete.
+
+    Raises:
+        InputError: if it cannot be written; a file that was there before is kept.
+    """
+    arrays = {name: getattr(frames, name) for name in _ARRAYS}
+    texts = {"scene_names": json.dumps(frames.scene_names), "camera": json.dumps(asdict(frames.camera))}
     try:
-        with atomic_write(file) as part:
-            part.write_bytes(payload)
-        write_text(checksum_file(file), hashlib.sha256(payload).hexdigest() + "\n")
+        write_npz(file, arrays | texts)
     except OSError as error:
         raise InputError(f"Cannot write {file}: {error.strerror}; free some space or choose another folder.") from error
 
@@ -155,27 +147,14 @@ def load_frames(file: Path) -> FrameSet:
     """
     advice = "delete it and run the command again to make it anew"
     try:
-        payload = file.read_bytes()
-        wanted = checksum_file(file).read_bytes().strip()
-    except OSError as error:
-        raise InputError(f"Cannot read {error.filename}: {error.strerror}; {advice}.") from error
-    if hashlib.sha256(payload).hexdigest().encode() != wanted:
-        raise InputError(f"{file} does not match its checksum (a truncated or altered file); {advice}.")
+        data = read_npz(file)
+    except InputError as error:
+        raise InputError(f"{error}; {advice}.") from error
     try:
-        with np.load(io.BytesIO(payload)) as data:
-            return FrameSet(
-                data["depth"],
-                data["mounts"],
-                data["goals"],
-                data["poses"],
-                data["scene_index"],
-                tuple(json.loads(str(data["scene_names"]))),
-                Intrinsics(**json.loads(str(data["camera"]))),
-            )
-    except (zipfile.BadZipFile, EOFError, KeyError, ValueError) as error:
+        return FrameSet(
+            **{name: data[name] for name in _ARRAYS},
+            scene_names=tuple(json.loads(str(data["scene_names"]))),
+            camera=Intrinsics(**json.loads(str(data["camera"]))),
+        )
+    except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{file} is not a frame set written by this version ({error}); {advice}.") from error
-
-
-def checksum_file(file: Path) -> Path:
-    """Where the SHA-256 of a frame-set file stands."""
-    return file.with_suffix(".sha256")

@@ -1,31 +1,15 @@
 """A user's own recording as training frames: goals are sampled where each frame itself shows free, reachable ground."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Float, Float32
 
 from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
-from iwalker_jax.data.recordings import load_recording
-from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import BODY, host
-from iwalker_jax.perception import (
-    DEFAULT_GRID,
-    UNREACHABLE,
-    Intrinsics,
-    build_local_map,
-    cost_to_go,
-    halved,
-    pool_2x2,
-    trusted_cost,
-)
-
-_GRID = halved(DEFAULT_GRID)
-_NEAREST_GOAL, _FARTHEST_GOAL = 0.6, 6.0
+from iwalker_jax.data.recordings import NO_FREE_GROUND, goal_places, load_recording
+from iwalker_jax.geometry import host
+from iwalker_jax.perception import Intrinsics
 
 
 def frames_from_recording(
@@ -51,61 +35,34 @@ def frames_from_recording(
         camera: that the frames are re-projected to.
 
     Raises:
-        InputError: if the recording is unusable, or no frame shows any free ground.
+        InputError: if the recording is unusable.
     """
     recording = load_recording(folder, intrinsics, depth_scale, camera)
+    blocked = [problem for problem in recording.report.problems if problem.problem == NO_FREE_GROUND]
     for problem in recording.report.problems:
-        say(f"{problem.file} {problem.problem}")
+        if problem not in blocked:
+            say(f"{problem.file} {problem.problem}")
+    if blocked:
+        total = len(recording) + len(blocked)
+        say(f"{len(blocked)} of {total} frames show no free ground ahead and were left out.")
     for assumption in recording.report.assumptions:
         say(f"Assumed: {assumption}")
     depth = recording.depth_frames()
-    mounts = np.asarray(recording.mounts, np.float32)
     n = len(depth)
     rng = np.random.default_rng(seed)
-    goals = np.zeros((n, goals_per_frame, 2), np.float32)
-    usable = np.ones(n, bool)
-    for i in range(n):
-        sampled = _sample_goals(np.asarray(_reachable(depth[i], mounts[i], camera)), goals_per_frame, rng)
-        if sampled is None:
-            usable[i] = False
-        else:
-            goals[i] = sampled
-    if not usable.any():
-        raise InputError(
-            f"No frame of {folder} shows free ground ahead; check the camera's mount and intrinsics with "
-            "`python -m experiments.validate_recording`."
-        )
-    if not usable.all():
-        say(f"{(~usable).sum()} of {n} frames show no free ground ahead and were left out.")
+    goals = np.stack([_sample_goals(goal_places(cells), goals_per_frame, rng) for cells in recording.reachable])
     poses = np.full((n, 3), np.nan, np.float32) if recording.poses is None else recording.poses
     if recording.goals is not None:
         goals[:, 0] = recording.goals
     elif recording.poses is not None:
         goals[:, 0] = host.to_base(poses, poses[-1, :2])
-    frames = FrameSet(
-        depth_to_millimetres(depth), mounts, goals, poses, np.zeros(n, np.int32), (folder.resolve().name,), camera
-    )
-    return frames.select(np.flatnonzero(usable))
-
-
-@partial(jax.jit, static_argnames="camera")
-def _reachable(
-    depth: Float[Array, "height width"], mount: Float[Array, " 5"], camera: Intrinsics
-) -> Bool[Array, "rows columns"]:
-    """Cells of the coarse grid that the robot can reach without leaving seen free space."""
-    local = build_local_map(depth, mount, camera)
-    free = (pool_2x2(local.known_free.astype(jnp.float32)) > 0.99) & (pool_2x2(local.esdf) > BODY.route_radius)
-    to_go = cost_to_go(jnp.where(free, 1.0, jnp.inf), jnp.zeros(2), _GRID)
-    return free & (trusted_cost(to_go) < UNREACHABLE)
+    mounts, scene_index, names = recording.mounts, np.zeros(n, np.int32), (folder.resolve().name,)
+    return FrameSet(depth_to_millimetres(depth), mounts, goals, poses, scene_index, names, camera)
 
 
 def _sample_goals(
-    reachable: Bool[np.ndarray, "rows columns"], count: int, rng: np.random.Generator
-) -> Float[np.ndarray, "count 2"] | None:
-    centres = np.argwhere(reachable) * _GRID.resolution + 0.5 * _GRID.resolution + (_GRID.x_min, _GRID.y_min)
-    distance = np.linalg.norm(centres, axis=1)
-    index = np.flatnonzero((distance > _NEAREST_GOAL) & (distance < _FARTHEST_GOAL))
-    if len(index) == 0:
-        return None
-    weight = 1.0 / distance[index]
-    return centres[rng.choice(index, size=count, p=weight / weight.sum())]
+    places: Float[np.ndarray, "n 2"], count: int, rng: np.random.Generator
+) -> Float32[np.ndarray, "count 2"]:
+    """Some of the places [m], evenly spread over distances: area grows with distance, so each weighs its inverse."""
+    weight = 1.0 / np.linalg.norm(places, axis=1)
+    return places[rng.choice(len(places), size=count, p=weight / weight.sum())].astype(np.float32)

@@ -13,7 +13,11 @@ from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime import default_cache_folder
+from iwalker_jax.streams import check_seed
 from iwalker_jax.version import __version__
+
+MOST_FRAMES = 1_000_000
+"""Of a synthetic data set."""
 
 GENERATOR = 1
 """Raised whenever the same seed would give other frames, so that cached ones are made anew."""
@@ -34,6 +38,11 @@ class DataConfig:
     frames: int = 1185
     seed: int = 0
     episodes: Path | None = None
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed, "the frames")
+        if self.frames > MOST_FRAMES:
+            raise InputError(f"{self.frames} frames are more than any machine holds; give at most {MOST_FRAMES}.")
 
 
 def load_training_frames(

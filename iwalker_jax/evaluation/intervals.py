@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import stdtrit
 
 _NORMAL_QUANTILE = 1.959963984540054
 """Of a two-sided 95 % interval."""
@@ -25,4 +26,16 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> tuple[float, float]:
     if n < 2:
         return float("nan"), float("nan")
     middle, half = float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(n) * _NORMAL_QUANTILE)
+    return middle - half, middle + half
+
+
+def paired_interval(first: Sequence[float] | np.ndarray, second: Sequence[float] | np.ndarray) -> tuple[float, float]:
+    """Student's 95 % interval of the mean of first - second, whose values belong together one by one (the same seed);
+    NaN with fewer than two."""
+    differences = np.asarray(first, float) - np.asarray(second, float)
+    n = len(differences)
+    if n < 2:
+        return float("nan"), float("nan")
+    half = float(stdtrit(n - 1, 0.975) * np.std(differences, ddof=1) / np.sqrt(n))
+    middle = float(np.mean(differences))
     return middle - half, middle + half

@@ -8,6 +8,10 @@ import numpy as np
 
 from iwalker_jax.evaluation.intervals import wilson_interval
 from iwalker_jax.runtime import write_csv, write_text
+from iwalker_jax.runtime.files import line_checksum
+
+CHECKSUM_TITLE = "checksum"
+"""Of the column that tables have which are read back."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +67,13 @@ class Table:
         numbered = [] if self.sample is None else [self.sample]
         return [*self.labels, *numbered, *(column.title for column in self.columns)]
 
-    def save(self, folder: Path, name: str) -> None:
+    def save(self, folder: Path, name: str, checksums: bool = False) -> None:
         """Write name.txt, name.md and name.csv (one line a sample, full precision), each of them whole.
+
+        Args:
+            folder: to write to.
+            name: of the files.
+            checksums: whether every line of the CSV file ends in its checksum, for tables that are read back.
 
         Raises:
             OSError: if a file cannot be written.
@@ -76,6 +85,9 @@ class Table:
             for number, values in enumerate(samples):
                 numbered = [] if self.sample is None else [number]
                 lines.append([*labels, *numbered, *(values[column.title] for column in self.columns)])
+        if checksums:
+            texts = [[str(cell) for cell in line] for line in lines]
+            lines = [[*cells, line_checksum(cells) if i else CHECKSUM_TITLE] for i, cells in enumerate(texts)]
         write_csv(folder / f"{name}.csv", lines)
 
 

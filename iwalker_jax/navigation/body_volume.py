@@ -12,9 +12,9 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import safe_sqrt
+from iwalker_jax.geometry import BODY, safe_sqrt
 from iwalker_jax.robot import RobotModel, body_poses
-from iwalker_jax.scenes import SceneArrays
+from iwalker_jax.scenes import BURIED, SceneArrays
 
 TOLERANCE = 0.01
 """[m] by which spheres may stand out of the body or fall short of its surface, at most."""
@@ -79,7 +79,8 @@ def body_clearance(
     """Least signed distance [m] between the body and the scene's boxes and cylinders; negative where they overlap.
 
     Exact for the spheres, among the `NEAR_BOXES` boxes and `NEAR_CYLINDERS` cylinders nearest to the body's middle;
-    floor and ceiling do not count. Inside an obstacle it is minus the way out of that obstacle.
+    floor and ceiling do not count, nor what ends at `BODY.step_over` or below. Inside an
+    obstacle it is minus the way out of that obstacle.
 
     Args:
         volume: the body's spheres.
@@ -89,7 +90,9 @@ def body_clearance(
     """
     centres = body_positions[volume.bodies] + jnp.einsum("nij,nj->ni", body_rotations[volume.bodies], volume.offsets)
     middle = lax.stop_gradient(centres.mean(axis=0, keepdims=True))
-    boxes, cylinders = scene.boxes.astype(centres.dtype), scene.cylinders.astype(centres.dtype)
+    boxes, cylinders = (
+        _without_low(rows.astype(centres.dtype), half) for rows, half in ((scene.boxes, 5), (scene.cylinders, 4))
+    )
     boxes = boxes[lax.top_k(-_to_boxes(middle, boxes)[0], NEAR_BOXES)[1]]
     cylinders = cylinders[lax.top_k(-_to_cylinders(middle, cylinders)[0], NEAR_CYLINDERS)[1]]
     nearest = jnp.minimum(_to_boxes(centres, boxes).min(axis=1), _to_cylinders(centres, cylinders).min(axis=1))
@@ -108,6 +111,12 @@ def body_clearance_at(
         qpos: (nq,) base position [m] and quaternion (wxyz), joint positions [rad].
     """
     return body_clearance(volume, *body_poses(robot.model, qpos), scene)
+
+
+def _without_low(solids: Float[Array, "n k"], half: int) -> Float[Array, "n k"]:
+    """Solids of which those that count as floor are buried; column 2 is the centre's height, `half` half the height."""
+    low = solids[:, 2] + solids[:, half] <= BODY.step_over
+    return solids.at[:, 2].set(jnp.where(low, BURIED, solids[:, 2]))
 
 
 def _to_boxes(points: Float[Array, "n 3"], boxes: Float[Array, "boxes 7"]) -> Float[Array, "n boxes"]:

@@ -25,7 +25,14 @@ from iwalker_jax.navigation.faults import Faults, obstacles_at, within
 from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, Observation, guide
 from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, memory_cells
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
-from iwalker_jax.navigation.step_planning import PursuitParameters, Stance, plan_steps, stop_steps
+from iwalker_jax.navigation.step_planning import (
+    PursuitParameters,
+    Stance,
+    centre_of,
+    has_nothing_to_do,
+    plan_steps,
+    stop_steps,
+)
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.planning import Planner, SplitModule
 from iwalker_jax.robot import rigid_body_terms
@@ -103,6 +110,7 @@ class LoopState(NamedTuple):
         walk: the walking robot; frozen once the episode has ended.
         plan: its footsteps.
         stopping: whether they end in standing.
+        spot: (2,) [m] where they hold a robot that does not advance.
         memory: what it remembers of the map.
         health: whether its camera is to be trusted.
         goal: index of the present goal.
@@ -115,6 +123,7 @@ class LoopState(NamedTuple):
     walk: WalkState
     plan: FootstepPlan
     stopping: Bool[Array, ""]
+    spot: Float[Array, "2"]
     memory: MapMemory
     health: CameraHealth
     goal: Int[Array, ""]
@@ -160,6 +169,7 @@ def start_episode(navigator: Navigator, task: TaskArrays, conditions: Conditions
         walk=walk,
         plan=plan,
         stopping=jnp.asarray(False),
+        spot=base[:2],
         memory=empty_memory(navigator.guidance.memory, base[:2]),
         health=healthy_camera(shape, dtype),
         goal=none,
@@ -208,7 +218,10 @@ def camera_frame(
     last_progress, stuck = _progress(navigator.loop, state.last_progress, believed, time)
     last_route = jnp.where(guidance.route_exists, time, state.last_route)
     stuck = stuck | (time - last_route > navigator.loop.route_timeout)
-    request = StepRequest(guidance, state.health.failed | arrived | stuck)
+    stop = state.health.failed | arrived | stuck
+    if navigator.pursuit is not None:
+        stop = stop | has_nothing_to_do(navigator.pursuit, guidance.path, guidance.face_point, believed)
+    request = StepRequest(guidance, stop)
     state = state._replace(last_progress=last_progress, last_route=last_route)
     check = partial(_check_and_walk, navigator, scene, conditions, request)
     state, (samples, clearances) = jax.lax.scan(check, state, None, length=navigator.loop.checks_per_frame)
@@ -310,7 +323,8 @@ def _with_footsteps(navigator: Navigator, request: StepRequest, state: LoopState
         time=gait.time,
     )
     istepper, guidance = navigator.planner.merge().istepper, request.guidance
-    follow = plan_steps(navigator.pursuit, istepper, guidance.path, guidance.face_point, stance)
+    spot = jnp.where(stands, centre_of(stance, istepper.geometry.width), state.spot)
+    follow, spot = plan_steps(navigator.pursuit, istepper, guidance.path, guidance.face_point, stance, spot)
     stop = stop_steps(istepper.geometry.count, istepper.geometry.width, stance)
     ends = begun & request.stop
     new = begun | go
@@ -328,6 +342,7 @@ def _with_footsteps(navigator: Navigator, request: StepRequest, state: LoopState
     memory = memory._replace(controller=memory.controller._replace(gait=gait))
     return state._replace(
         plan=plan,
+        spot=jnp.where(new, spot, state.spot),
         stopping=jnp.where(new, ends, state.stopping & ~stands),
         walk=state.walk._replace(memory=memory),
     )

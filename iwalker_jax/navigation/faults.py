@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.scenes import SceneArrays
+from iwalker_jax.scenes import BURIED, SceneArrays
 
 _NEVER = (np.inf, np.inf)
 
@@ -32,7 +32,7 @@ def make_faults(
     blind: tuple[float, float] = _NEVER,
     frozen: tuple[float, float] = _NEVER,
     odometry: tuple[float, float] = _NEVER,
-    box: tuple[float, ...] = (0.0, 0.0, -1000.0, 0.1, 0.1, 0.1, 0.0),
+    box: tuple[float, ...] = (0.0, 0.0, BURIED, 0.1, 0.1, 0.1, 0.0),
     present: tuple[float, float] = _NEVER,
 ) -> Faults:
     """Faults of one episode; none by default.
@@ -57,6 +57,6 @@ def within(span: Float[Array, "2"], time: Float[Array, ""]) -> Bool[Array, ""]:
 
 def obstacles_at(faults: Faults, scene: SceneArrays, time: Float[Array, ""]) -> SceneArrays:
     """The scene as it is at a time [s], with the box that comes and goes."""
-    buried = faults.box.at[2].set(-1000.0)
+    buried = faults.box.at[2].set(BURIED)
     box = jnp.where(within(faults.present, time), faults.box, buried)
     return scene._replace(boxes=jnp.concatenate([scene.boxes, box[None].astype(scene.boxes.dtype)]))

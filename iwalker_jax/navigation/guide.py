@@ -11,7 +11,6 @@ from iwalker_jax.geometry import BODY, arc_length, interpolate_along, resample_b
 from iwalker_jax.navigation.map_memory import MapMemory, MapMemoryParameters, memory_cells, update_memory, window_origin
 from iwalker_jax.navigation.path_band import BAND_POINTS, BandParameters, safe_path
 from iwalker_jax.perception import (
-    DEFAULT_GRID,
     DEFAULT_OBSTACLES,
     UNREACHABLE,
     GridSpec,
@@ -30,6 +29,9 @@ from iwalker_jax.perception import (
     trusted_cost,
 )
 from iwalker_jax.planning import Planner
+
+ROUTE_CELLS = 4
+"""Cells of the memory along a side of a route's cell."""
 
 PathSource = Literal["network", "guided", "route"]
 
@@ -50,6 +52,7 @@ class GuidanceParameters:
         memory: of the map.
         obstacles: which points of a frame are obstacles.
         band: how paths are drawn off obstacles.
+        required_clearance: [m] to remembered obstacles, body and sway; no route leads through what is narrower.
         traversal: cost of the route; routes keep the sway of the gait off obstacles as well as the body.
     """
 
@@ -61,13 +64,16 @@ class GuidanceParameters:
     memory: MapMemoryParameters = MapMemoryParameters()
     obstacles: ObstacleParameters = DEFAULT_OBSTACLES
     band: BandParameters = BandParameters()
+    required_clearance: float = BODY.gap_radius
     traversal: TraversalParameters = TraversalParameters(body_radius=BODY.route_radius)
 
     def __post_init__(self) -> None:
         if self.source not in get_args(PathSource):
             raise InputError(f"Unknown source of paths {self.source!r}; choose {', '.join(get_args(PathSource))}.")
-        if not min(self.lookahead, self.face_distance, self.start_radius) > 0:
-            raise InputError("GuidanceParameters needs positive lookahead, face_distance and start_radius [m].")
+        if not min(self.lookahead, self.face_distance, self.start_radius, self.required_clearance) > 0:
+            raise InputError(
+                "GuidanceParameters needs positive lookahead, face_distance, start_radius and required_clearance [m]."
+            )
 
 
 class Observation(NamedTuple):
@@ -122,16 +128,18 @@ def guide(
     if parameters.source == "network":
         path = resample_by_arc_length(network_path(planner, observation, observation.goal), BAND_POINTS)
         return memory, Guidance(path, observation.goal, jnp.asarray(False), jnp.asarray(True))
-    frame = free_and_occupied(observation.depth, observation.mount, intrinsics, DEFAULT_GRID, parameters.obstacles)
-    memory = update_memory(parameters.memory, memory, observation.base, *frame)
-    grid, coarse = parameters.memory.grid, halved(parameters.memory.grid)
+    frame_grid, grid = parameters.memory.frame_grid, parameters.memory.grid
+    coarse = route_grid(grid)
+    frame = free_and_occupied(observation.depth, observation.mount, intrinsics, frame_grid, parameters.obstacles)
+    memory = update_memory(parameters.memory, memory, observation.base, *frame, frame_grid)
     origin = window_origin(parameters.memory, memory)
     start, goal = observation.base[:2] - origin, observation.goal - origin
     occupied, unknown = memory_cells(parameters.memory, memory)
     esdf = signed_distance_field(occupied, parameters.memory.resolution)
-    unseen = softened(pool_2x2(unknown.astype(esdf.dtype)))
-    to_go = route_costs(parameters, occupied, esdf, unseen, goal)
+    unseen = softened(coarse_mean(unknown.astype(esdf.dtype)))
+    to_go = route_costs(parameters, esdf, unseen, goal)
     seen, whole = best_routes(to_go, unseen, goal, start, coarse)
+    route_exists = _reachable_near(to_go, coarse, start, parameters.start_radius)
     path, detour = safe_path(parameters.band, seen, esdf, grid)
     if parameters.source == "guided":
         route, waypoint = path, _on_route(whole, parameters.lookahead) + origin
@@ -140,11 +148,12 @@ def guide(
         here, there = (_cost_at(to_go, coarse, point) for point in (path[0], path[-1]))
         detour = cut | (here - there < parameters.min_progress * jnp.minimum(here, parameters.lookahead))
         path = jnp.where(detour, route, path)
+    path = jnp.where(route_exists, path, start)
     return memory, Guidance(
         path=resample_by_arc_length(path + origin, BAND_POINTS),
         face_point=_on_route(whole, parameters.face_distance) + origin,
         detour=detour,
-        route_exists=_reachable_near(to_go, coarse, start, parameters.start_radius),
+        route_exists=route_exists,
     )
 
 
@@ -157,26 +166,38 @@ def network_path(planner: Planner, observation: Observation, goal: Float[Array, 
 
 def route_costs(
     parameters: GuidanceParameters,
-    occupied: Bool[Array, "n n"],
     esdf: Float[Array, "n n"],
-    unseen: Float[Array, "half half"],
+    unseen: Float[Array, "quarter quarter"],
     goal: Float[Array, "2"],
-) -> Float[Array, "half half"]:
-    """Cost of the cheapest route to the goal from every cell of the window, halved; through no occupied cell."""
-    cost = traversal_cost(pool_2x2(esdf), unseen, parameters.traversal)
-    cost = jnp.where(pool_2x2(occupied.astype(esdf.dtype)) > 0, jnp.inf, cost)
-    return trusted_cost(cost_to_go(cost, goal, halved(parameters.memory.grid)))
+) -> Float[Array, "quarter quarter"]:
+    """Cost of the cheapest route to the goal from every coarse cell of the window, with room for the body all along."""
+    cost = traversal_cost(coarse_mean(esdf), unseen, parameters.traversal)
+    # The best place of a coarse cell decides: a gap that the body just fits is a line of fine cells.
+    rows, columns = esdf.shape[0] // ROUTE_CELLS, esdf.shape[1] // ROUTE_CELLS
+    roomiest = esdf.reshape(rows, ROUTE_CELLS, columns, ROUTE_CELLS).max(axis=(1, 3))
+    cost = jnp.where(roomiest < parameters.required_clearance, jnp.inf, cost)
+    return trusted_cost(cost_to_go(cost, goal, route_grid(parameters.memory.grid)))
+
+
+def route_grid(grid: GridSpec) -> GridSpec:
+    """Where the routes' cells lie."""
+    return halved(halved(grid))
+
+
+def coarse_mean(field: Float[Array, "n n"]) -> Float[Array, "quarter quarter"]:
+    """Mean of a field of the window over each of the routes' cells."""
+    return pool_2x2(pool_2x2(field))
 
 
 def _reachable_near(
-    to_go: Float[Array, "half half"], grid: GridSpec, point: Float[Array, "2"], radius: float
+    to_go: Float[Array, "quarter quarter"], grid: GridSpec, point: Float[Array, "2"], radius: float
 ) -> Bool[Array, ""]:
     """Whether a way leads on from some cell within a radius [m] of a point, noise in its own cell or not."""
     near = jnp.sum((grid.centres() - point) ** 2, axis=-1) < radius**2
     return jnp.any(near & (to_go < UNREACHABLE))
 
 
-def _cost_at(to_go: Float[Array, "half half"], grid: GridSpec, point: Float[Array, "2"]) -> Float[Array, ""]:
+def _cost_at(to_go: Float[Array, "quarter quarter"], grid: GridSpec, point: Float[Array, "2"]) -> Float[Array, ""]:
     cell = jnp.clip(jnp.round(grid.cell_coordinates(point)).astype(jnp.int32), 0, jnp.asarray(grid.shape) - 1)
     return to_go[cell[0], cell[1]]
 

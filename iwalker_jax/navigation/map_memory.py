@@ -1,8 +1,9 @@
 """A short memory of what the camera saw: a window of the floor that moves with the robot, its axes the world's.
 
 Single frames show nothing beside and behind the robot. Each frame adds evidence for occupied and for free cells; what
-is seen to be free again is forgotten, so obstacles may move. The window shifts by whole cells, so nothing is ever
-resampled twice.
+is seen to be free again is forgotten, so obstacles may move, and nothing else is: where the robot stands is free if
+nobody knows better, but an obstacle that it brushes against is not. The window shifts by whole cells, so nothing is
+ever resampled twice.
 """
 
 from dataclasses import dataclass
@@ -13,10 +14,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import to_base
+from iwalker_jax.geometry import BODY, to_base
 from iwalker_jax.perception import DEFAULT_GRID, GridSpec
 
-_LARGEST_SHIFT = 8  # cells between two frames; a robot that believes to have jumped farther starts afresh
+_LARGEST_SHIFT = 16  # cells between two frames; a robot that believes to have jumped farther starts afresh
 
 
 @dataclass(frozen=True)
@@ -24,15 +25,18 @@ class MapMemoryParameters:
     """Size of the window and how evidence adds up.
 
     Attributes:
-        resolution: [m] side of a cell; cells: of a side of the window.
+        resolution: [m] side of a cell, finer than the margin by which a body may pass a gap; cells: of a side of the
+            window.
+        body_radius: [m] about the base within which cells that are not occupied are free.
         occupied_evidence, free_evidence: of one frame that shows a cell occupied or free.
         max_evidence: largest evidence in size, so that a cell can change its state within a few frames.
         threshold: evidence from which a cell counts as occupied, or, negative, as free.
         decay: share of the evidence that is forgotten at each frame.
     """
 
-    resolution: float = DEFAULT_GRID.resolution
-    cells: int = 160
+    resolution: float = 0.025
+    cells: int = 320
+    body_radius: float = BODY.route_radius
     occupied_evidence: float = 1.0
     free_evidence: float = 0.7
     max_evidence: float = 4.0
@@ -44,8 +48,14 @@ class MapMemoryParameters:
             raise InputError(f"The map memory needs an even number of cells, at least {2 * _LARGEST_SHIFT}.")
         if not 0 < self.threshold <= self.max_evidence or not 0 <= self.decay < 1:
             raise InputError("The map memory needs 0 < threshold <= max_evidence and 0 <= decay < 1.")
-        if min(self.occupied_evidence, self.free_evidence) <= 0:
-            raise InputError("The map memory needs positive occupied_evidence and free_evidence.")
+        if min(self.occupied_evidence, self.free_evidence, self.body_radius) <= 0:
+            raise InputError("The map memory needs positive occupied_evidence, free_evidence and body_radius.")
+
+    @property
+    def frame_grid(self) -> GridSpec:
+        """Where a frame's cells, as fine as the window's, lie in the base frame: over `DEFAULT_GRID`'s ground."""
+        rows, columns = (round(n * DEFAULT_GRID.resolution / self.resolution) for n in DEFAULT_GRID.shape)
+        return GridSpec(DEFAULT_GRID.x_min, DEFAULT_GRID.y_min, self.resolution, rows, columns)
 
     @property
     def grid(self) -> GridSpec:
@@ -93,11 +103,15 @@ def update_memory(
     middle = _cell(parameters, base[:2])
     evidence = _shifted(memory.evidence, middle - memory.middle) * (1 - parameters.decay)
     centres = parameters.grid.centres() + middle.astype(base.dtype) * parameters.resolution
-    cell = jnp.round(grid.cell_coordinates(to_base(base, centres))).astype(jnp.int32)
+    offsets = to_base(base, centres)
+    cell = jnp.round(grid.cell_coordinates(offsets)).astype(jnp.int32)
     inside = jnp.all((cell >= 0) & (cell < jnp.asarray(grid.shape)), axis=-1)
     index = jnp.where(inside, cell[..., 0] * grid.columns + cell[..., 1], 0)
     seen = parameters.occupied_evidence * occupied - parameters.free_evidence * known_free
     change = jnp.where(inside, seen.reshape(-1)[index], 0.0)
+    # Where the body stands the floor is free, but for what is or was seen to be occupied.
+    under = jnp.sum(offsets**2, axis=-1) <= parameters.body_radius**2
+    change = jnp.where(under & (evidence < parameters.threshold) & (change <= 0), -parameters.free_evidence, change)
     return MapMemory(
         jnp.clip(evidence + change, -parameters.max_evidence, parameters.max_evidence).astype(memory.evidence.dtype),
         middle,

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import BODY, resample_by_arc_length
+from iwalker_jax.geometry import BODY, arc_length, resample_by_arc_length
 from iwalker_jax.perception import GridSpec, sample_smooth
 
 BAND_POINTS = 48
@@ -26,21 +26,23 @@ class BandParameters:
         repulsion: share of the missing clearance that one iteration makes up.
         contraction: share of the bend that one iteration takes out.
         iterations: of the band.
-        start_slack: [m] by which a path that starts with less than `min_clearance` may come nearer still.
+        escape_slope: [m/m] at which the clearance of a path that starts with less than `min_clearance` must rise.
+        slack: [m] by which it may fall short of that, for the map's cells.
     """
 
     desired_clearance: float = 0.38
-    min_clearance: float = BODY.stop_radius
+    min_clearance: float = BODY.gap_radius
     repulsion: float = 0.3
     contraction: float = 0.25
     iterations: int = 30
-    start_slack: float = 0.005
+    escape_slope: float = 0.2
+    slack: float = 0.005
 
     def __post_init__(self) -> None:
-        if not 0 < self.min_clearance < self.desired_clearance or self.iterations < 0 or self.start_slack < 0:
-            raise InputError(
-                "BandParameters needs 0 < min_clearance < desired_clearance, iterations >= 0 and start_slack >= 0."
-            )
+        if not 0 < self.min_clearance < self.desired_clearance or self.iterations < 0:
+            raise InputError("BandParameters needs 0 < min_clearance < desired_clearance and iterations >= 0.")
+        if self.escape_slope < 0 or self.slack < 0:
+            raise InputError("BandParameters needs escape_slope >= 0 and slack >= 0.")
         if not (0 < self.repulsion <= 1 and 0 < self.contraction <= 0.5):
             raise InputError("BandParameters needs repulsion in (0, 1] and contraction in (0, 0.5].")
 
@@ -70,8 +72,9 @@ def safe_path(
 
     band = jax.lax.fori_loop(0, parameters.iterations, relax, resample_by_arc_length(path, BAND_POINTS))
     distance, _ = sense(band)
-    # A robot that stands closer than it should must be able to walk away.
-    blocked = distance < jnp.minimum(parameters.min_clearance, distance[0] - parameters.start_slack)
+    # A robot that stands closer than it should must be able to walk away, but not on through a gap that is too tight.
+    escaping = distance[0] + parameters.escape_slope * arc_length(band) - parameters.slack
+    blocked = distance < jnp.minimum(parameters.min_clearance, escaping)
     open_way = jnp.cumprod(~blocked).astype(bool)
     last = band[jnp.maximum(jnp.sum(open_way) - 1, 0)]
     return jnp.where(open_way[:, None], band, last), ~open_way[-1]

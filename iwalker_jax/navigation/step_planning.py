@@ -16,6 +16,7 @@ from iwalker_jax.geometry import (
     interpolate_along,
     other_side,
     resample_by_arc_length,
+    safe_sqrt,
     side_sign,
     to_base,
     to_world,
@@ -35,6 +36,7 @@ class PursuitParameters:
         min_length: [m] of a path below which there is nowhere to go.
         face_tolerance: [rad] angle to the point to face below which the robot need not turn.
         end_radius: [m] about the point that the robot heads for, within which it keeps its heading.
+        max_return: [m] by which one footstep brings a robot that steps on the spot back to it.
     """
 
     lookahead: float = 0.24
@@ -43,10 +45,14 @@ class PursuitParameters:
     min_length: float = 0.06
     face_tolerance: float = 0.3
     end_radius: float = 0.05
+    max_return: float = 0.02
 
     def __post_init__(self) -> None:
-        if not min(self.lookahead, self.min_length, self.face_tolerance, self.end_radius) > 0:
-            raise InputError("PursuitParameters needs positive lookahead, min_length, face_tolerance and end_radius.")
+        if not min(self.lookahead, self.min_length, self.face_tolerance, self.end_radius) > 0 or self.max_return < 0:
+            raise InputError(
+                "PursuitParameters needs positive lookahead, min_length, face_tolerance and end_radius, and "
+                "max_return >= 0."
+            )
         if not (0 < self.max_turn < 1 and 0 < self.turn_in_place < 3):
             raise InputError("PursuitParameters needs max_turn in (0, 1) rad and turn_in_place in (0, 3) rad.")
 
@@ -75,11 +81,13 @@ class Course(NamedTuple):
     Attributes:
         centres: (m + 1, 2) [m] world and headings: (m + 1,) [rad], the present ones first.
         turning: () bool, on the spot.
+        advancing: () bool; neither turning nor advancing, the robot has nowhere to go and stands or steps on the spot.
     """
 
     centres: Float[Array, "m1 2"]
     headings: Float[Array, " m1"]
     turning: Bool[Array, ""]
+    advancing: Bool[Array, ""]
 
 
 def pursue(
@@ -116,19 +124,34 @@ def pursue(
 
     first, _ = bearing(centre, heading)
     turning = jnp.abs(first) > jnp.where(long, parameters.turn_in_place, parameters.face_tolerance)
+    advancing = long & ~turning
 
     def step(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         at, yaw = carry
         error, left_over = bearing(at, yaw)
-        moves = ~turning & long
-        turned = jnp.clip(error, -parameters.max_turn, parameters.max_turn) * (turning | moves)
-        advance = jnp.where(moves, jnp.minimum(steps.length, left_over), 0.0)
+        turned = jnp.clip(error, -parameters.max_turn, parameters.max_turn) * (turning | advancing)
+        advance = jnp.where(advancing, jnp.minimum(steps.length, left_over), 0.0)
         middle = yaw + turned / 2
         at = at + advance * jnp.stack([jnp.cos(middle), jnp.sin(middle)])
         return (at, yaw + turned), (at, yaw + turned)
 
     _, (centres, headings) = jax.lax.scan(step, (centre, heading), None, length=steps.count)
-    return Course(jnp.concatenate([centre[None], centres]), jnp.concatenate([heading[None], headings]), turning)
+    centres, headings = jnp.concatenate([centre[None], centres]), jnp.concatenate([heading[None], headings])
+    return Course(centres, headings, turning, advancing)
+
+
+def held_on_spot(
+    parameters: PursuitParameters, course: Course, spot: Float[Array, "2"]
+) -> tuple[Course, Float[Array, "2"]]:
+    """The course of a robot that does not advance brought back to its spot [m], and the spot, which else moves along.
+
+    Feet land beside their footsteps; planned from where they stand alone, a turn on the spot would drift with them.
+    """
+    centre = course.centres[0]
+    spot = jnp.where(course.advancing, centre, spot)
+    back = spot - centre
+    back = back * jnp.minimum(1.0, parameters.max_return / safe_sqrt(jnp.sum(back**2) + 1e-12))
+    return course._replace(centres=course.centres + back), spot
 
 
 def footsteps_beside(course: Course, stance_sign: Float[Array, ""], width: float) -> Float[Array, "m 2"]:
@@ -144,18 +167,22 @@ def plan_steps(
     path: Float[Array, "k 2"],
     face_point: Float[Array, "2"],
     stance: Stance,
-) -> FootstepPlan:
-    """The next footsteps along a path.
+    spot: Float[Array, "2"],
+) -> tuple[FootstepPlan, Float[Array, "2"]]:
+    """The next footsteps along a path, and the middle between the tracks that they hold if they do not advance.
 
     Args:
         parameters: None hands the path to iStepper as it is, as published; feet then point along it.
         istepper: the network.
         path, face_point: as in `pursue`.
         stance: where the steps start from.
+        spot: (2,) [m] as the footsteps before returned it, see `held_on_spot`.
     """
     steps = istepper.geometry
     pursuit = PursuitParameters() if parameters is None else parameters
-    course = pursue(pursuit, steps, path, face_point, _centre(stance, steps.width), stance.yaw)
+    centre = centre_of(stance, steps.width)
+    course = pursue(pursuit, steps, path, face_point, centre, stance.yaw)
+    course, spot = held_on_spot(pursuit, course, spot)
     geometric = footsteps_beside(course, _stance_sign(stance), steps.width)
     frame = jnp.append(stance.com, stance.yaw)
     line = resample_by_arc_length(path if parameters is None else course.centres, PATH_POINTS)
@@ -169,15 +196,28 @@ def plan_steps(
     positions = to_world(frame, learned)
     yaws = course.headings[1:]
     if parameters is not None:
-        positions = jnp.where(course.turning, geometric, positions)
-    return FootstepPlan(positions, yaws, other_side(stance.side), jnp.asarray(steps.count, jnp.int32))
+        positions = jnp.where(course.advancing, positions, geometric)
+    return FootstepPlan(positions, yaws, other_side(stance.side), jnp.asarray(steps.count, jnp.int32)), spot
+
+
+def has_nothing_to_do(
+    parameters: PursuitParameters, path: Float[Array, "k 2"], face_point: Float[Array, "2"], base: Float[Array, "3"]
+) -> Bool[Array, ""]:
+    """Whether a robot at a base pose has no path to follow and faces where it would turn to: it should stand."""
+    offset = face_point - base[:2]
+    near = jnp.sum(offset**2) < parameters.end_radius**2
+    faces = near | (jnp.abs(angle_between(jnp.arctan2(offset[1], offset[0]), base[2])) < parameters.face_tolerance)
+    return faces & (arc_length(path)[-1] <= parameters.min_length)
 
 
 def stop_steps(count: int, width: float, stance: Stance) -> FootstepPlan:
     """Two closing footsteps beside the stance foot, after which the robot stands."""
-    centre = _centre(stance, width)
+    centre = centre_of(stance, width)
     still = Course(
-        jnp.broadcast_to(centre, (count + 1, 2)), jnp.broadcast_to(stance.yaw, (count + 1,)), jnp.asarray(False)
+        jnp.broadcast_to(centre, (count + 1, 2)),
+        jnp.broadcast_to(stance.yaw, (count + 1,)),
+        jnp.asarray(False),
+        jnp.asarray(False),
     )
     footsteps = footsteps_beside(still, _stance_sign(stance), width)
     return FootstepPlan(footsteps, still.headings[1:], other_side(stance.side), jnp.asarray(2, jnp.int32))
@@ -188,7 +228,7 @@ def _stance_sign(stance: Stance) -> Float[Array, ""]:
     return side_sign(stance.side).astype(stance.foot.dtype)
 
 
-def _centre(stance: Stance, width: float) -> Float[Array, "2"]:
+def centre_of(stance: Stance, width: float) -> Float[Array, "2"]:
     """Middle [m] between two tracks of which the stance foot stands on one."""
     normal = jnp.stack([-jnp.sin(stance.yaw), jnp.cos(stance.yaw)])
     return stance.foot - _stance_sign(stance) * width / 2 * normal

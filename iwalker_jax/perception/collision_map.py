@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import BODY
 from iwalker_jax.perception.camera import Intrinsics, camera_pose, offsets_from_camera
 from iwalker_jax.perception.depth_cleanup import check_image_size
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID, GridSpec
@@ -23,17 +24,19 @@ class ObstacleParameters:
         min_height: [m] above the floor; lower points belong to the floor.
         max_height: [m] above the floor; the robot walks under higher points.
         tolerance_range: [m] distance from the camera up to which min_height holds.
-        tolerance_slope: [m/m] growth of min_height beyond tolerance_range: depth noise and an error of the camera's
-            pitch lift far floor points; 0.025 forgives 1.4 degrees and still sees a 0.11 m step at 4 m.
+        drop_height: [m] below the floor, from which points belong to a drop.
+        tolerance_slope: [m/m] growth of both beyond tolerance_range: depth noise and an error of the camera's pitch
+            lift far floor points; 0.025 forgives 1.4 degrees and still sees a 0.11 m step at 4 m.
         max_tolerance: [m] limit of that growth: a step or a drop this high is never floor.
         min_area: [m^2] image area, seen face on, that a small obstacle shows (a strip of 3 cm x 10 cm).
         min_points: fewest points that make a cell occupied, however far.
         max_points: number of points that always suffices, however near.
     """
 
-    min_height: float = 0.05
+    min_height: float = BODY.step_over
     max_height: float = 0.75
-    tolerance_range: float = 1.5
+    drop_height: float = 0.05
+    tolerance_range: float = 0.8
     tolerance_slope: float = 0.025
     max_tolerance: float = 0.15
     min_area: float = 0.003
@@ -47,21 +50,26 @@ class ObstacleParameters:
             raise InputError(
                 f"ObstacleParameters needs 0 < min_height < max_height, got {self.min_height} and {self.max_height} m."
             )
-        if not self.min_height <= self.max_tolerance < self.max_height:
-            raise InputError("ObstacleParameters needs max_tolerance between min_height and max_height.")
+        if not (
+            0.0 < self.drop_height <= self.max_tolerance and self.min_height <= self.max_tolerance < self.max_height
+        ):
+            raise InputError(
+                "ObstacleParameters needs max_tolerance from min_height to max_height, and drop_height from 0 to it."
+            )
         if self.tolerance_range < 0.0 or self.tolerance_slope < 0.0:
             raise InputError("ObstacleParameters needs tolerance_range >= 0 and tolerance_slope >= 0.")
         if self.min_area <= 0.0 or not 1 <= self.min_points <= self.max_points:
             raise InputError("ObstacleParameters needs min_area > 0 and 1 <= min_points <= max_points.")
 
-    def obstacle_height(self, ground_range: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Height [m] above which a point at a horizontal distance [m] is an obstacle."""
+    def floor_band(self, ground_range: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
+        """Heights [m] below and above which a point at a horizontal distance [m] is a drop or an obstacle."""
         growth = self.tolerance_slope * jnp.maximum(ground_range - self.tolerance_range, 0.0)
-        return jnp.minimum(self.min_height + growth, self.max_tolerance)
+        low, high = (jnp.minimum(limit + growth, self.max_tolerance) for limit in (self.drop_height, self.min_height))
+        return -low, high
 
 
 DEFAULT_OBSTACLES = ObstacleParameters()
-"""For a robot 0.66 m tall with feet that clear 5 cm."""
+"""For a robot 0.66 m tall; what its feet clear is floor (`BODY.step_over`)."""
 
 
 class PointPlanes(NamedTuple):
@@ -106,10 +114,10 @@ def classify_points(
     A drop lies clearly below the floor (a hole, a stair down). Points above max_height are none of the three: the robot
     walks under them.
     """
-    min_height = obstacles.obstacle_height(points.ground_range)
-    floor = points.valid & (jnp.abs(points.z) <= min_height)
-    obstacle = points.valid & (points.z > min_height) & (points.z < obstacles.max_height)
-    drop = points.valid & (points.z < -min_height)
+    low, high = obstacles.floor_band(points.ground_range)
+    floor = points.valid & (points.z >= low) & (points.z <= high)
+    obstacle = points.valid & (points.z > high) & (points.z < obstacles.max_height)
+    drop = points.valid & (points.z < low)
     return floor, obstacle, drop
 
 
@@ -165,7 +173,7 @@ def occupancy_map(
     grid: GridSpec = DEFAULT_GRID,
     obstacles: ObstacleParameters = DEFAULT_OBSTACLES,
 ) -> Bool[Array, "rows columns"]:
-    """Occupied cells of one cleaned depth image: points between 0.05 m and 0.75 m above the floor.
+    """Occupied cells of one cleaned depth image: points between the heights of `obstacles` above the floor.
 
     Args:
         depth: z-depth [m], 0 = no return (`clean_depth`).

@@ -33,10 +33,8 @@ def depth_from_uint16(image: UInt16[np.ndarray, "height width"], scale: float) -
             "save depth as a single-channel 16-bit PNG."
         )
     if not (math.isfinite(scale) and 0.0 < scale <= 0.1):
-        raise InputError(
-            f"The depth scale is metres per unit (0.001 for millimetres), got {scale}; give 1/{scale} if this is "
-            "units per metre."
-        )
+        advice = f"give 1/{scale:g} if this is units per metre" if 0.1 < scale < math.inf else "give 0 to 0.1"
+        raise InputError(f"The depth scale is metres per unit (0.001 for millimetres), got {scale}; {advice}.")
     return image.astype(np.float32) * np.float32(scale)
 
 

@@ -3,19 +3,26 @@
 import struct
 import zlib
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, UInt16
 from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.depth_cleanup import MAX_RANGE, check_depth_image, depth_from_uint16, resize_depth
 from iwalker_jax.runtime.files import atomic_write
+from iwalker_jax.runtime.reading import read_bytes
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_COLOUR_TYPES = {2: "3 channels", 3: "a palette", 4: "2 channels", 6: "4 channels"}
+_MAX_BYTES = 128 * 1024 * 1024
+MAX_PIXELS = 16_000_000
+"""More than any depth camera has; what claims more is not unpacked."""
+
 _MIN_VALID = 0.01  # fraction of pixels; fewer show nothing that a planner could use
 
 
@@ -81,11 +88,8 @@ def png_size(path: Path) -> tuple[int, int]:
     Raises:
         InputError: if the file is missing or is no PNG.
     """
-    header = _read(path)[:24]
-    if len(header) < 24 or not header.startswith(_SIGNATURE):
-        raise InputError("is not a PNG file; save depth as 16-bit PNG.")
-    width, height = struct.unpack(">II", header[16:24])
-    return width, height
+    header = _header(_read(path))
+    return header.width, header.height
 
 
 def read_depth_png(path: Path, scale: float, size: tuple[int, int]) -> Float32[np.ndarray, "height width"]:
@@ -99,20 +103,7 @@ def read_depth_png(path: Path, scale: float, size: tuple[int, int]) -> Float32[n
     Raises:
         InputError: saying what is wrong: missing, empty, truncated, damaged, wrong type or size, constant, all invalid.
     """
-    content = _read(path)
-    _check_chunks(content)
-    raw = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    if raw is None:
-        raise InputError("cannot be decoded; record it again.")
-    if raw.ndim != 2:
-        raise InputError(f"has {raw.shape[2]} channels, so it is a colour image; depth needs one 16-bit channel.")
-    if raw.dtype != np.uint16:
-        raise InputError(f"has type {raw.dtype}, which is a preview and not depth; depth needs uint16.")
-    if (raw.shape[1], raw.shape[0]) != size:
-        raise InputError(
-            f"is {raw.shape[1]} x {raw.shape[0]} px but the intrinsics are for {size[0]} x {size[1]} px; give the "
-            "intrinsics of this resolution."
-        )
+    raw = read_png_units(path, size)
     if not raw.any():
         raise InputError("has no return in any pixel.")
     if raw.min() == raw.max():
@@ -126,32 +117,117 @@ def read_depth_png(path: Path, scale: float, size: tuple[int, int]) -> Float32[n
     return depth
 
 
-def _read(path: Path) -> bytes:
+def read_png_units(path: Path, size: tuple[int, int]) -> UInt16[np.ndarray, "height width"]:
+    """The sensor's units of one file, as they are stored.
+
+    Nothing is decoded before the header has said that the image is the one expected, and nothing that does not hold
+    exactly its pixels: decoders fill the rest of a damaged image with zeros.
+
+    Args:
+        path: of a single-channel 16-bit PNG.
+        size: (width, height) [px] that the intrinsics belong to.
+
+    Raises:
+        InputError: saying what is wrong: missing, empty, truncated, damaged, wrong type or size.
+    """
+    content = _read(path)
+    header = _header(content)
+    _check_header(header, size)
+    _check_pixels(_compressed_pixels(content), header)
     try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError("is missing.") from None
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}).") from None
+        raw = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        raw = None
+    if raw is None or raw.shape != (header.height, header.width) or raw.dtype != np.uint16:
+        raise InputError("cannot be decoded as 16-bit depth; record it again.")
+    return raw
+
+
+class _Header(NamedTuple):
+    """What a PNG says about itself before its pixels."""
+
+    width: int
+    height: int
+    bits: int
+    colour_type: int
+    compression: int
+    filtering: int
+    interlace: int
+
+
+def _read(path: Path) -> bytes:
+    content = read_bytes(path, _MAX_BYTES)
     if not content:
         raise InputError("is empty (0 bytes).")
     return content
 
 
-def _check_chunks(content: bytes) -> None:
-    """Walk a PNG's chunks and compare their checksums; decoders fill the rest of a damaged image with zeros instead."""
+def _header(content: bytes) -> _Header:
     if not content.startswith(_SIGNATURE):
         raise InputError("is not a PNG file; save depth as 16-bit PNG.")
+    if len(content) < 33:
+        raise InputError("is truncated; record or copy it again.")
+    if content[8:16] != b"\0\0\0\x0dIHDR":
+        raise InputError("is damaged (a PNG begins with its header); record or copy it again.")
+    if struct.unpack(">I", content[29:33])[0] != zlib.crc32(content[12:29]):
+        raise InputError("is damaged (the header's checksum does not match); record or copy it again.")
+    return _Header(*struct.unpack(">IIBBBBB", content[16:29]))
+
+
+def _check_header(header: _Header, size: tuple[int, int]) -> None:
+    if header.colour_type != 0:
+        kind = _COLOUR_TYPES.get(header.colour_type, "pixels of an unknown kind")
+        raise InputError(f"has {kind}, so it is a colour image; depth needs one 16-bit channel.")
+    if header.bits != 16:
+        raise InputError(f"has {header.bits} bits a pixel, which is a preview and not depth; depth needs 16.")
+    if (header.width, header.height) != size:
+        raise InputError(
+            f"is {header.width} x {header.height} px but the intrinsics are for {size[0]} x {size[1]} px; give the "
+            "intrinsics of this resolution."
+        )
+    if header.width * header.height > MAX_PIXELS:
+        raise InputError(f"has more than {MAX_PIXELS / 1e6:g} million pixels; record or scale it smaller.")
+    if (header.compression, header.filtering) != (0, 0) or header.interlace != 0:
+        raise InputError("is interlaced or packed in an unknown way; save it as a plain 16-bit PNG.")
+
+
+def _compressed_pixels(content: bytes) -> bytes:
+    """The joined IDAT chunks of a PNG, every chunk's checksum compared.
+
+    A chunk that changes what its pixels mean (transparency, a second frame) is refused: depth has none.
+    """
     position = len(_SIGNATURE)
+    pixels: list[bytes] = []
     while position + 12 <= len(content):
         (length,) = struct.unpack(">I", content[position : position + 4])
         end = position + 12 + length
         if end > len(content):
             break
-        body = content[position + 4 : end - 4]
+        kind, body = content[position + 4 : position + 8], content[position + 4 : end - 4]
         if struct.unpack(">I", content[end - 4 : end])[0] != zlib.crc32(body):
             raise InputError("is damaged (a checksum does not match); record or copy it again.")
-        if body.startswith(b"IEND"):
-            return
+        if kind == b"IEND":
+            return b"".join(pixels)
+        if kind in (b"tRNS", b"acTL", b"fcTL", b"fdAT"):
+            raise InputError("has transparency or several frames; save depth as a plain 16-bit PNG.")
+        if kind == b"IDAT":
+            pixels.append(body[4:])
+        elif kind == b"IHDR" and position != len(_SIGNATURE):
+            raise InputError("is damaged (it has two headers); record or copy it again.")
         position = end
     raise InputError("is truncated; record or copy it again.")
+
+
+def _check_pixels(compressed: bytes, header: _Header) -> None:
+    """Refuse pixels that are not exactly as many as the header says, without unpacking more than those."""
+    row = 1 + 2 * header.width
+    unpacker = zlib.decompressobj()
+    try:
+        filtered = unpacker.decompress(compressed, header.height * row + 1)
+        complete = unpacker.eof or (not unpacker.decompress(unpacker.unconsumed_tail, 1) and unpacker.eof)
+    except zlib.error:
+        raise InputError("is damaged (its pixels cannot be unpacked); record or copy it again.") from None
+    if len(filtered) != header.height * row or not complete:
+        raise InputError("is damaged (it does not hold as many pixels as it says); record or copy it again.")
+    if max(filtered[::row]) > 4:
+        raise InputError("is damaged (its rows are packed in an unknown way); record or copy it again.")

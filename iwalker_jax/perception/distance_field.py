@@ -136,8 +136,8 @@ def _try_shifts(
     def step(carry: tuple) -> tuple:
         shift, best, _ = carry
         for d in [shift + n for n in range(_TRIALS)]:
-            right = lax.dynamic_slice(padded, (0, margin + d), (rows, columns))
-            left = lax.dynamic_slice(padded, (0, margin - d), (rows, columns))
+            right = lax.dynamic_slice_in_dim(padded, margin + d, columns, axis=1)
+            left = lax.dynamic_slice_in_dim(padded, margin - d, columns, axis=1)
             best = jnp.minimum(best, jnp.minimum(left, right) + d**2)
         return shift + _TRIALS, best, reach(best)
 
@@ -150,7 +150,7 @@ def _try_columns(
     best: Int[Array, "rows columns"], along_column: Int[Array, "rows columns"], useful: Bool[Array, " columns"]
 ) -> Int[Array, "rows columns"]:
     """Lower D by every useful column: one that holds cells of both classes."""
-    rows, columns = best.shape
+    columns = best.shape[1]
     # The list's unused end repeats column 0, which is a valid candidate like any other.
     order = jnp.nonzero(useful, size=columns + _TRIALS, fill_value=0)[0].astype(jnp.int32)
     squares = (lax.broadcasted_iota(jnp.int32, (1, 2 * columns), 1) - columns) ** 2
@@ -158,8 +158,8 @@ def _try_columns(
     def step(carry: tuple) -> tuple:
         tried, best = carry
         for k in [order[tried + n] for n in range(_TRIALS)]:
-            along_row = lax.dynamic_slice(squares, (0, columns - k), (1, columns))
-            best = jnp.minimum(best, lax.dynamic_slice(along_column, (0, k), (rows, 1)) + along_row)
+            along_row = lax.dynamic_slice_in_dim(squares, columns - k, columns, axis=1)
+            best = jnp.minimum(best, lax.dynamic_slice_in_dim(along_column, k, 1, axis=1) + along_row)
         return tried + _TRIALS, best
 
     start = (jnp.asarray(0, jnp.int32), best)

@@ -30,8 +30,8 @@ class LocalMap(NamedTuple):
     """Maps around the robot in the base frame; every cell is exactly one of occupied, known free and unknown.
 
     Attributes:
-        occupied: (rows, columns) an obstacle between 0.05 m and 0.75 m above the floor was seen here.
-        known_free: (rows, columns) seen to be free, or under the robot.
+        occupied: (rows, columns) an obstacle as `ObstacleParameters` say was seen here.
+        known_free: (rows, columns) seen to be free, or within `BLIND_DISC_RADIUS` of the base origin.
         unknown: (rows, columns) hidden behind an obstacle, past the brink of a drop, out of view or never
             measured.
         esdf: (rows, columns) [m] signed distance to the occupied cells; unknown space does not repel.
@@ -67,6 +67,8 @@ def build_local_map(
     check_image_size(depth.shape, intrinsics)
     depth = clean_depth(depth)
     occupied, known_free = free_and_occupied(depth, mount, intrinsics, grid, obstacles)
+    base_x, base_y = cell_offsets(grid, jnp.zeros(2))
+    known_free = ~occupied & (known_free | (base_x**2 + base_y**2 <= BLIND_DISC_RADIUS**2))
     return LocalMap(
         occupied=occupied,
         known_free=known_free,
@@ -83,14 +85,13 @@ def free_and_occupied(
     grid: GridSpec,
     obstacles: ObstacleParameters,
 ) -> tuple[Bool[Array, "rows columns"], Bool[Array, "rows columns"]]:
-    """(occupied, known free) cells of a cleaned depth image.
+    """(occupied, known free) cells of a cleaned depth image, by what it shows alone.
 
     A cell that is not occupied is known free if
       - floor was seen in it; or
       - it lies nearer to the camera than the first obstacle or drop of its bearing and no farther than the farthest
         floor or obstacle seen along that bearing. This includes the wedge below the image's lower edge, between the
-        robot and the first surface seen; where nothing was seen along a bearing, the wedge stays unknown; or
-      - it lies within BLIND_DISC_RADIUS of the base origin.
+        robot and the first surface seen; where nothing was seen along a bearing, the wedge stays unknown.
 
     Args:
         depth: z-depth [m], 0 = no return (`clean_depth`).
@@ -127,10 +128,7 @@ def free_and_occupied(
     in_view = (cell_range < first_end.at[cell_bin].get(mode="fill", fill_value=0.0) - half) & (
         cell_range <= farthest.at[cell_bin].get(mode="fill", fill_value=0.0)
     )
-    base_x, base_y = cell_offsets(grid, jnp.zeros(2))
-    blind_disc = base_x**2 + base_y**2 <= BLIND_DISC_RADIUS**2
-    known_free = ~occupied & (in_view | floor_seen | blind_disc)
-    return occupied, known_free
+    return occupied, ~occupied & (in_view | floor_seen)
 
 
 def _moved_to_brink(points: PointPlanes, drop: Bool[Array, "height width"], mount: Float[Array, " 5"]) -> PointPlanes:

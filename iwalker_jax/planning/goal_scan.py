@@ -78,7 +78,7 @@ def goal_scan(
     bearing = jnp.arctan2(left, forward)
     index = jnp.floor((bearing + scan.half_span) * (scan.bins / (2 * scan.half_span))).astype(jnp.int32)
     within = (valid > 0) & (index >= 0) & (index < scan.bins) & (z < scan.obstacles.max_height)
-    obstacle = within & (z > scan.obstacles.obstacle_height(distance))
+    obstacle = within & (z > scan.obstacles.floor_band(distance)[1])
     # Bin number `bins` does not exist: what does not count is dropped there.
     inverse = (
         jnp.zeros(scan.bins)

@@ -10,8 +10,8 @@ from iwalker_jax.lazy_names import lazy_names
 from iwalker_jax.runtime.settings import configure_runtime, default_cache_folder, requested_devices
 
 if TYPE_CHECKING:
-    from iwalker_jax.runtime.devices import ShardedProgram, chosen_devices, machine
-    from iwalker_jax.runtime.files import atomic_write, write_csv, write_json, write_npz, write_text
+    from iwalker_jax.runtime.devices import ShardedProgram, chosen_devices, local_devices, machine
+    from iwalker_jax.runtime.files import atomic_write, read_npz, write_csv, write_json, write_npz, write_text
     from iwalker_jax.runtime.processes import (
         ProcessGroup,
         barrier,
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         is_first,
         join_group,
     )
+    from iwalker_jax.runtime.reading import printable, read_bytes, read_text
 
 __all__ = [
     "ProcessGroup",
@@ -35,7 +36,12 @@ __all__ = [
     "exit_process",
     "is_first",
     "join_group",
+    "local_devices",
     "machine",
+    "printable",
+    "read_bytes",
+    "read_npz",
+    "read_text",
     "requested_devices",
     "write_csv",
     "write_json",
@@ -44,9 +50,10 @@ __all__ = [
 ]
 
 _HOMES = {
-    "devices": "ShardedProgram chosen_devices machine",
-    "files": "atomic_write write_csv write_json write_npz write_text",
+    "devices": "ShardedProgram chosen_devices local_devices machine",
+    "files": "atomic_write read_npz write_csv write_json write_npz write_text",
     "processes": "ProcessGroup barrier broadcast device_put exit_process is_first join_group",
+    "reading": "printable read_bytes read_text",
 }
 
 __getattr__, __dir__ = lazy_names(__name__, _HOMES)

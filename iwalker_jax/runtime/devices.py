@@ -11,19 +11,39 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.files import first_line
+
+_PLATFORM_VARIABLES = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
 
 
 def chosen_devices(count: int | None = None) -> list[jax.Device]:
     """The first `count` devices of this process, all by default.
 
     Raises:
-        InputError: if fewer devices are present.
+        InputError: if fewer devices are present, or none of the platform that is asked for.
     """
-    present = jax.local_devices()
+    present = local_devices()
     count = len(present) if count is None else count
     if not 1 <= count <= len(present):
         raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.local_devices().")
     return present[:count]
+
+
+def local_devices() -> list[jax.Device]:
+    """This process's devices.
+
+    Raises:
+        InputError: if the environment asks JAX for a platform that is not there.
+    """
+    try:
+        return jax.local_devices()
+    except (RuntimeError, AssertionError) as error:
+        asked = [f"{name}={os.environ[name]}" for name in _PLATFORM_VARIABLES if os.environ.get(name)]
+        wanted = f"the platform that {' and '.join(asked)} asks for" if asked else f"its devices ({first_line(error)})"
+        raise InputError(
+            f"JAX cannot use {wanted}; unset the variable, set JAX_PLATFORMS=cpu, or install JAX for this machine's "
+            "accelerator."
+        ) from error
 
 
 def machine() -> str:

@@ -77,7 +77,7 @@ def join_group(group: ProcessGroup) -> None:
         own.num_processes,
         own.process_id,
         cluster_detection_method="deactivate",
-        coordinator_bind_address=bind_address(own.port),
+        coordinator_bind_address=bind_address(own.host, own.port),
     )
     print_error = sys.excepthook
 

@@ -38,16 +38,37 @@ def rendezvous(own: DistributedProcess) -> None:
         _report(own, deadline)
 
 
-def bind_address(port: int) -> str:
-    """HOST:PORT that stands for all of this machine's own addresses."""
-    return f"[::]:{port}" if socket.has_dualstack_ipv6() else f"0.0.0.0:{port}"
+def bind_address(host: str, port: int) -> str:
+    """HOST:PORT at which process 0 listens: the coordinator's own address, so that `localhost` is nobody else's.
+
+    All addresses of this machine only where the host is a name or address that others reach it by and that it does not
+    have itself, as behind a translating router.
+    """
+    family, address = _own_address(host)
+    return f"[{address}]:{port}" if family == socket.AF_INET6 else f"{address}:{port}"
+
+
+def _own_address(host: str) -> tuple[int, str]:
+    """Family and address of the coordinator's host on this machine."""
+    try:
+        found = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except OSError:
+        found = []
+    # JAX's and this module's clients try IPv4 first where a name has both.
+    for family, _, _, _, address in sorted(found, key=lambda entry: entry[0] != socket.AF_INET):
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            try:
+                probe.bind((address[0], 0))
+            except OSError:
+                continue
+            return family, str(address[0])
+    return (socket.AF_INET6, "::") if socket.has_dualstack_ipv6() else (socket.AF_INET, "0.0.0.0")
 
 
 def _gather(own: DistributedProcess, deadline: float) -> None:
-    dual = socket.has_dualstack_ipv6()
-    family = socket.AF_INET6 if dual else socket.AF_INET
+    family, address = _own_address(own.host)
     try:
-        server = socket.create_server(("", own.port), family=family, dualstack_ipv6=dual)
+        server = socket.create_server((address, own.port), family=family, dualstack_ipv6=address == "::")
     except OSError as error:
         raise InputError(
             f"Port {own.port} cannot be used on this machine ({error.strerror}); give --coordinator another one."

@@ -4,6 +4,7 @@ Scenes of a user's own files are in `iwalker_jax.scenes.imported`.
 """
 
 from iwalker_jax.scenes.built.demonstration_scenes import DEMONSTRATION_NAMES, DemonstrationScene, demonstration_scene
+from iwalker_jax.scenes.built.hard_rooms import HARD_ROOM_NAMES, HardRoom, hard_room, room_is_passable
 from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
 from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, HeldOutSequence, held_out_sequence
 from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene
@@ -22,6 +23,7 @@ from iwalker_jax.scenes.routes import (
 )
 from iwalker_jax.scenes.scene import (
     BOX_CAPACITY,
+    BURIED,
     CYLINDER_CAPACITY,
     MAX_EXTENT,
     Scene,
@@ -33,14 +35,17 @@ from iwalker_jax.scenes.scene import (
 
 __all__ = [
     "BOX_CAPACITY",
+    "BURIED",
     "CYLINDER_CAPACITY",
     "DEMONSTRATION_NAMES",
     "FAMILIES",
+    "HARD_ROOM_NAMES",
     "MAX_EXTENT",
     "SCENE_GRID",
     "SEQUENCE_NAMES",
     "DemonstrationScene",
     "DepthNoise",
+    "HardRoom",
     "HeldOutSequence",
     "RouteMap",
     "RouteParameters",
@@ -51,6 +56,7 @@ __all__ = [
     "demonstration_scene",
     "free_cells",
     "generate_scene",
+    "hard_room",
     "held_out_scene",
     "held_out_sequence",
     "load_mujoco_scene",
@@ -58,6 +64,7 @@ __all__ = [
     "obstacle_distance",
     "occupancy",
     "render_depth",
+    "room_is_passable",
     "route_map",
     "scene_to_mjcf",
     "shortest_distance",

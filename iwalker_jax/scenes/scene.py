@@ -19,7 +19,8 @@ MAX_EXTENT = 16.0
 """[m] longest side of a scene's free-space bounds, so that one grid shape covers every scene."""
 
 _NO_CEILING = 1.0e3
-_BURIED = -1.0e3
+BURIED = -1.0e3
+"""[m] height of solids that are not there."""
 
 
 class SceneArrays(NamedTuple):
@@ -109,7 +110,7 @@ class Scene:
 
 def _padded(rows: Float[np.ndarray, "n k"], capacity: int) -> Float[np.ndarray, "{capacity} k"]:
     padded = np.zeros((capacity, rows.shape[1]))
-    padded[:, 2] = _BURIED
+    padded[:, 2] = BURIED
     padded[: len(rows)] = rows
     return padded
 

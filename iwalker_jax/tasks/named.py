@@ -1,21 +1,37 @@
-"""Tasks with names: the three demonstrations and the routes of the four test sequences."""
+"""Tasks with names: the three demonstrations, the routes of the four test sequences, and the hard rooms."""
 
 import math
 
 import numpy as np
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.scenes import DEMONSTRATION_NAMES, SEQUENCE_NAMES, Scene, demonstration_scene, held_out_sequence
+from iwalker_jax.scenes import (
+    DEMONSTRATION_NAMES,
+    HARD_ROOM_NAMES,
+    SEQUENCE_NAMES,
+    Scene,
+    demonstration_scene,
+    hard_room,
+    held_out_sequence,
+)
 from iwalker_jax.streams import NAMED_TASKS
 from iwalker_jax.tasks.routes import clearances, leg_lengths, single_precision, time_limit
 from iwalker_jax.tasks.task import Task
 
-TASK_NAMES: tuple[str, ...] = (*DEMONSTRATION_NAMES, *(f"test_{name}" for name in SEQUENCE_NAMES))
+ROOM_TASK_NAMES: tuple[str, ...] = tuple(f"room_{name}" for name in HARD_ROOM_NAMES)
+"""Tasks in hard rooms, some of which cannot be walked through."""
+
+TASK_NAMES: tuple[str, ...] = (
+    *DEMONSTRATION_NAMES,
+    *(f"test_{name}" for name in SEQUENCE_NAMES),
+    *ROOM_TASK_NAMES,
+)
 
 START_CLEARANCE, GOAL_CLEARANCE = 0.35, 0.30
 """[m] in plan view between obstacles and the base at the start and at goals: room to start and to stand."""
 
 _ATTEMPTS = 20
+_ROOM_TIME = 60.0
 
 
 def named_task(name: str, seed: int = 0) -> Task:
@@ -26,7 +42,11 @@ def named_task(name: str, seed: int = 0) -> Task:
     """
     if name not in TASK_NAMES:
         raise InputError(f"Unknown task {name!r}; choose one of {', '.join(TASK_NAMES)}.")
-    return demonstration(name, seed) if name in DEMONSTRATION_NAMES else sequence_task(name.removeprefix("test_"), seed)
+    if name in DEMONSTRATION_NAMES:
+        return demonstration(name, seed)
+    if name in ROOM_TASK_NAMES:
+        return room_task(name.removeprefix("room_"), seed)
+    return sequence_task(name.removeprefix("test_"), seed)
 
 
 def demonstration(name: str, seed: int = 0) -> Task:
@@ -68,6 +88,21 @@ def sequence_task(name: str, seed: int = 0) -> Task:
         if length is not None:
             return Task(f"test_{name}", sequence.scene, start, goals, time_limit(length))
     raise RuntimeError(f"Test sequence {name}: no start of seed {seed} leaves a route; use another seed.")
+
+
+def room_task(name: str, seed: int = 0) -> Task:
+    """The hard room of a name in `HARD_ROOM_NAMES` as a task, whether there is a way or not.
+
+    Args:
+        name: of the room.
+        seed: moves obstacles and start by up to 3 cm and 5 degrees.
+
+    Raises:
+        InputError: for an unknown name or a negative seed.
+    """
+    room = hard_room(name, _generators(f"room_{name}", seed)[0])
+    start = (room.start.x, room.start.y, room.start.yaw)
+    return Task(f"room_{name}", room.scene, start, room.goal[None], _ROOM_TIME)
 
 
 def tour_length(scene: Scene, start: tuple[float, float, float], goals: np.ndarray) -> float | None:

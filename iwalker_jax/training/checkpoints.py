@@ -1,21 +1,44 @@
-"""Checkpoints (orbax): parameters, optimiser state, random key, step and configuration, written atomically."""
+"""Checkpoints (orbax): parameters, optimiser state, random key, step and configuration, written atomically.
 
+A checksum over the named leaves and the configuration tells a damaged or edited checkpoint from a whole one: the format
+itself returns most flipped bits as other numbers.
+"""
+
+import hashlib
+import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import orbax.checkpoint as ocp
-from jax.sharding import SingleDeviceSharding
 
 from iwalker_jax.errors import CheckpointError
+from iwalker_jax.runtime.files import digest, first_line
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.train_step import TrainState, initial_state, make_optimiser
 
-_LEAVES, _META = "state", "meta"
+_LEAVES, _META, _CHECKSUM = "state", "meta", "checksum"
+
+
+class Checkpoint(NamedTuple):
+    """What a checkpoint holds.
+
+    Attributes:
+        state: of the training.
+        config: that it was made with.
+        frames: number of frames of the data.
+        content: digests of the data by the names of its arrays; empty if they were not given.
+    """
+
+    state: TrainState
+    config: TrainConfig
+    frames: int
+    content: dict[str, str]
 
 
 class CheckpointStore:
@@ -49,23 +72,31 @@ class CheckpointStore:
         """Steps of the complete checkpoints, oldest first."""
         return sorted(self._manager.all_steps())
 
-    def save(self, state: TrainState, config: TrainConfig, frames: int) -> None:
+    def save(
+        self, state: TrainState, config: TrainConfig, frames: int, content: Mapping[str, str] | None = None
+    ) -> None:
         """Write a checkpoint of the state; older ones beyond the number to keep are removed afterwards.
+
+        Args:
+            state: of the training.
+            config: of the run.
+            frames: number of frames of the data.
+            content: digests of the data by the names of its arrays, to tell other data of the same size.
 
         Raises:
             CheckpointError: if it cannot be written (a full disk, say); the earlier checkpoints stay intact.
         """
         step = int(state.step)
-        meta = {"config": config_to_dict(config), "frames": frames, "step": step}
-        arguments = ocp.args.Composite(
-            **{_LEAVES: ocp.args.StandardSave(jax.device_get(_named_leaves(state))), _META: ocp.args.JsonSave(meta)}
-        )
+        leaves = jax.device_get(_named_leaves(state))
+        meta = {"config": config_to_dict(config), "frames": frames, "content": dict(content or {}), "step": step}
+        meta[_CHECKSUM] = _checksum(leaves, meta)
+        arguments = ocp.args.Composite(**{_LEAVES: ocp.args.StandardSave(leaves), _META: ocp.args.JsonSave(meta)})
         try:
             self._manager.save(step, args=arguments, force=True)
             self._manager.wait_until_finished()
         except Exception as error:  # orbax and tensorstore raise many kinds; each means "not written"
             raise CheckpointError(
-                f"Could not write the checkpoint of step {step} in {self.folder} ({_first_line(error)}); earlier "
+                f"Could not write the checkpoint of step {step} in {self.folder} ({first_line(error)}); earlier "
                 f"checkpoints {self.steps_on_disk()} are intact. Free some space and resume."
             ) from error
 
@@ -73,39 +104,32 @@ class CheckpointStore:
         """Steps of the complete checkpoints as the folder shows them, oldest first."""
         return sorted(int(entry.name) for entry in self.folder.glob("[0-9]*") if entry.name.isdigit())
 
-    def restore(self, step: int) -> tuple[TrainState, TrainConfig, int]:
-        """State, configuration and number of frames of a checkpoint.
+    def restore(self, step: int) -> Checkpoint:
+        """The checkpoint of a step.
 
         Raises:
-            CheckpointError: if it is missing, damaged or belongs to another version or network size.
+            CheckpointError: if it is missing, damaged, edited, or belongs to another version or network size.
         """
-        advice = f"delete {self.folder / str(step)} to fall back to an earlier checkpoint"
+        advice = "use an earlier checkpoint, or start the run afresh"
+        parts = ocp.args.Composite(**{_LEAVES: ocp.args.StandardRestore(), _META: ocp.args.JsonRestore()})
         try:
-            meta = self._manager.restore(step, args=ocp.args.Composite(**{_META: ocp.args.JsonRestore()}))[_META]
+            stored = self._manager.restore(step, args=parts)
+            leaves, meta = dict(stored[_LEAVES]), dict(stored[_META])
+            # An earlier version's field is named before the checksum that an editor did not mind.
             config: TrainConfig = config_from_dict(TrainConfig, meta["config"])
-            frames = int(meta["frames"])
-            optimiser = make_optimiser(config, config.total_steps(frames))
-            template = jax.eval_shape(lambda: initial_state(config, optimiser))
-            here = SingleDeviceSharding(jax.local_devices()[0])
-            wanted = {
-                name: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=here)
-                for name, x in _named_leaves(template).items()
-            }
-            restored = self._manager.restore(
-                step, args=ocp.args.Composite(**{_LEAVES: ocp.args.StandardRestore(wanted)})
-            )[_LEAVES]
-            leaves = [restored[name] for name in wanted]
-        except Exception as error:
+            wanted = meta.pop(_CHECKSUM)
+            if wanted != _checksum(leaves, meta) or meta["step"] != step:
+                raise ValueError("it does not match its checksum: it is damaged or was edited")
+            state = _state_of(leaves, config, meta["frames"])
+        except Exception as error:  # orbax and tensorstore raise many kinds; each means "not readable"
             raise CheckpointError(
-                f"Checkpoint {step} in {self.folder} cannot be read ({_first_line(error)}); {advice}."
+                f"Checkpoint {step} in {self.folder} cannot be read ({first_line(error)}); {advice}."
             ) from error
-        if not all(np.isfinite(leaf).all() for leaf in leaves if np.issubdtype(leaf.dtype, np.floating)):
+        if not all(np.isfinite(leaf).all() for leaf in leaves.values() if np.issubdtype(leaf.dtype, np.floating)):
             raise CheckpointError(f"Checkpoint {step} in {self.folder} holds values that are not finite; {advice}.")
-        return jax.tree.unflatten(jax.tree.structure(template), leaves), config, frames
+        return Checkpoint(state, config, meta["frames"], meta["content"])
 
-    def restore_latest(
-        self, on_damage: Callable[[str], None] = lambda sentence: None
-    ) -> tuple[TrainState, TrainConfig, int] | None:
+    def restore_latest(self, on_damage: Callable[[str], None] = lambda sentence: None) -> Checkpoint | None:
         """The newest readable checkpoint, or None if there is none at all; `on_damage` hears of each unreadable one.
 
         Raises:
@@ -143,7 +167,7 @@ def load_run(
     """
     folder = run / "checkpoints"
     if not folder.is_dir():
-        raise CheckpointError(f"{run} holds no checkpoints; run `python -m experiments.train --out {run}` first.")
+        raise CheckpointError(f"{run} holds no checkpoints; run `iwalker-train --out {run}` first.")
     store = CheckpointStore(folder)
     try:
         if checkpoint is not None and checkpoint not in store.steps():
@@ -152,8 +176,8 @@ def load_run(
     finally:
         store.close()
     if found is None:
-        raise CheckpointError(f"{run} holds no complete checkpoint; run `python -m experiments.train --out {run}`.")
-    return found[0], found[1]
+        raise CheckpointError(f"{run} holds no complete checkpoint; run `iwalker-train --out {run}`.")
+    return found.state, found.config
 
 
 def _named_leaves(state: TrainState) -> dict[str, Any]:
@@ -161,10 +185,27 @@ def _named_leaves(state: TrainState) -> dict[str, Any]:
     return {_name(path): leaf for path, leaf in jax.tree_util.tree_flatten_with_path(state)[0]}
 
 
+def _state_of(leaves: Mapping[str, np.ndarray], config: TrainConfig, frames: int) -> TrainState:
+    """The state that the named leaves make.
+
+    Raises:
+        ValueError: if they are not those of this version's networks, with the differing names.
+    """
+    optimiser = make_optimiser(config, config.total_steps(frames))
+    template = jax.eval_shape(lambda: initial_state(config, optimiser))
+    wanted = {name: (leaf.shape, leaf.dtype) for name, leaf in _named_leaves(template).items()}
+    found = {name: (leaf.shape, leaf.dtype) for name, leaf in leaves.items()}
+    if found != wanted:
+        names = sorted(name for name in {**wanted, **found} if wanted.get(name) != found.get(name))
+        raise ValueError(f"its arrays are not those of this version's networks: {', '.join(names)}")
+    return jax.tree.unflatten(jax.tree.structure(template), [jnp.asarray(leaves[name]) for name in wanted])
+
+
 def _name(path: tuple) -> str:
     return jax.tree_util.keystr(path, simple=True, separator="_")
 
 
-def _first_line(error: Exception) -> str:
-    text = str(error).strip().splitlines()
-    return f"{type(error).__name__}: {text[0][:160]}" if text else type(error).__name__
+def _checksum(leaves: Mapping[str, Any], meta: Mapping[str, Any]) -> str:
+    """SHA-256 over named leaves and what is kept beside them."""
+    named = dict(sorted(leaves.items()))
+    return hashlib.sha256(f"{digest(named)} {json.dumps(meta, sort_keys=True)}".encode()).hexdigest()

@@ -8,6 +8,7 @@ from iwalker_jax.data.sources import DataConfig
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization import GradientMode
 from iwalker_jax.planning import IPathConfig, PlannerConfig, PlannerModels
+from iwalker_jax.streams import check_seed
 from iwalker_jax.training.losses import LossWeights
 from iwalker_jax.training.ppo import PpoSettings
 
@@ -15,6 +16,9 @@ Method = Literal["iwalker", "iplanner", "finetuned", "ppo"]
 """iwalker: both bilevel losses. iplanner: heuristic path losses. finetuned: heuristic path losses and U_path's
 tracking term, to train iplanner's networks further. ppo: minus U_path is a reward. In all but iwalker iStepper learns
 from U_step on top, without its gradient into iPath."""
+
+MOST_ROWS = 65_536
+"""Of a training batch."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,9 @@ class TrainConfig:
             raise InputError(f"Unknown method {self.method!r}; choose one of {', '.join(typing.get_args(Method))}.")
         if min(self.batch_size, self.epochs, self.checkpoint_every, self.keep_checkpoints) < 1:
             raise InputError("batch_size, epochs, checkpoint_every and keep_checkpoints must be at least 1.")
+        if self.batch_size > MOST_ROWS:
+            raise InputError(f"A batch of {self.batch_size} frames fits no machine; give at most {MOST_ROWS}.")
+        check_seed(self.seed, "the training")
         if not (self.learning_rate > 0 and 0 <= self.final_learning_rate <= 1 and self.clip > 0):
             raise InputError("Learning rate and clip must be positive, final_learning_rate a share in [0, 1].")
 

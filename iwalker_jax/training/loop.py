@@ -7,25 +7,24 @@ from pathlib import Path
 
 import jax
 import numpy as np
-import optax
 from jax.sharding import Mesh
 
-from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.errors import CheckpointError
 from iwalker_jax.planning import Planner
 from iwalker_jax.runtime.devices import chosen_devices
-from iwalker_jax.runtime.processes import broadcast, device_put, is_first
+from iwalker_jax.runtime.locks import exclusive
+from iwalker_jax.runtime.processes import device_put, is_first
 from iwalker_jax.training.batches import frame_order
 from iwalker_jax.training.checkpoints import CheckpointStore
 from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.maps import TrainingData
+from iwalker_jax.training.maps import TrainingData, data_content
+from iwalker_jax.training.resume import starting_state
 from iwalker_jax.training.run_log import MetricsLog, save_broken_batch
 from iwalker_jax.training.train_step import (
     StepReport,
     TrainState,
-    initial_state,
     make_optimiser,
     make_train_step,
-    with_planner,
 )
 
 MAX_BROKEN_STEPS = 10
@@ -80,7 +79,8 @@ def train(
     Several processes train one planner together; each has a folder of its own, and process 0's holds the checkpoints.
 
     Args:
-        config: of the run. A resumed run must have the configuration it began with.
+        config: of the run. A resumed run must have the configuration it began with, but for where its data lies and
+            how often it saves.
         data: frames and maps; the same in every process.
         folder: of the run.
         resume: continue from the newest readable checkpoint in the folder, if there is one; otherwise remove them.
@@ -92,101 +92,67 @@ def train(
         say: hears the sentences a user must read.
 
     Raises:
-        CheckpointError: if the folder's checkpoints cannot be read, or belong to another configuration.
-        InputError: if other processes have other data.
+        CheckpointError: if the folder's checkpoints cannot be read, or belong to another configuration or other data.
+        InputError: if another process trains in the folder, or other processes of the group have other data.
         FloatingPointError: after `MAX_BROKEN_STEPS` consecutive steps without a finite gradient.
     """
-    frames = data.depth.shape[0]
-    total = config.total_steps(frames)
-    optimiser = make_optimiser(config, total)
-    store = CheckpointStore(folder / "checkpoints", config.keep_checkpoints)
-    if not resume:
-        store.delete_after(-1)
-    state = _starting_state(store, config, optimiser, frames, resume, start_from, say)
-    first = int(state.step)
-    if 0 < first < total:
-        say(f"Resuming at step {first} of {total}.")
-    # The step donates its state: never hand it the caller's own arrays.
-    state = device_put(state, mesh)
-    data = device_put(data, mesh)
-    checkpoints = _Checkpoints(store, config, frames, say, first if first in store.steps() else -1)
-    broken = _BrokenSteps(folder, say)
-    log = MetricsLog(folder, first, tensorboard)
-    step_function = make_train_step(config, optimiser, mesh)
-    last = min(total, total if stop_after is None else stop_after)
-    interrupted = False
-    done = first
-    clock = time.perf_counter()
-    try:
-        for step in range(first, last):
-            index = frame_order(config.seed, frames, config.batch_size, step)
-            state, report = step_function(state, data, device_put(index, mesh, "batch"))
-            losses = _as_floats(report)
-            done = step + 1
-            broken.count(report, step, index, losses, state)
-            now = time.perf_counter()
-            speed = config.batch_size / max(now - clock, 1e-9)
-            clock = now
-            log.write(step, losses | {"frames_per_second": speed})
-            on_progress(TrainingProgress(done, total, losses, speed))
-            if done % config.checkpoint_every == 0 or done == total:
-                checkpoints.save(state)
-                clock = time.perf_counter()
-    except KeyboardInterrupt:
-        interrupted = True
-    finally:
-        log.close()
-    # A step that Ctrl-C cut short has donated its state; only a state that is still there can be saved.
-    alive = not any(leaf.is_deleted() for leaf in jax.tree.leaves(state))
-    if alive and checkpoints.saved != int(state.step):
-        checkpoints.save(state)
-    if interrupted:
-        say(f"Interrupted after step {done}; the same command resumes from checkpoint {store.steps()[-1:]}.")
-    store.close()
-    # Whole on one device, so that this process can use it alone.
-    return TrainResult(device_put(state, None) if alive else state, interrupted, checkpoints.unsaved)
+    # Another process in the folder would interleave its checkpoints and metrics.
+    with exclusive(run_lock(folder), folder):
+        frames = data.depth.shape[0]
+        total = config.total_steps(frames)
+        optimiser = make_optimiser(config, total)
+        store = CheckpointStore(folder / "checkpoints", config.keep_checkpoints)
+        if not resume:
+            store.delete_after(-1)
+        state = starting_state(store, config, optimiser, data, resume, start_from, say)
+        first = int(state.step)
+        if 0 < first < total:
+            say(f"Resuming at step {first} of {total}.")
+        content = data_content(data)
+        # The step donates its state: never hand it the caller's own arrays.
+        state = device_put(state, mesh)
+        data = device_put(data, mesh)
+        checkpoints = _Checkpoints(store, config, content, frames, say, first if first in store.steps() else -1)
+        broken = _BrokenSteps(folder, say)
+        log = MetricsLog(folder, first, tensorboard, say)
+        step_function = make_train_step(config, optimiser, mesh)
+        last = min(total, total if stop_after is None else stop_after)
+        interrupted = False
+        done = first
+        clock = time.perf_counter()
+        try:
+            for step in range(first, last):
+                index = frame_order(config.seed, frames, config.batch_size, step)
+                state, report = step_function(state, data, device_put(index, mesh, "batch"))
+                losses = _as_floats(report)
+                done = step + 1
+                broken.count(report, step, index, losses, state)
+                now = time.perf_counter()
+                speed = config.batch_size / max(now - clock, 1e-9)
+                clock = now
+                log.write(step, losses | {"frames_per_second": speed})
+                on_progress(TrainingProgress(done, total, losses, speed))
+                if done % config.checkpoint_every == 0 or done == total:
+                    checkpoints.save(state)
+                    clock = time.perf_counter()
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            log.close()
+        # A step that Ctrl-C cut short has donated its state; only a state that is still there can be saved.
+        alive = not any(leaf.is_deleted() for leaf in jax.tree.leaves(state))
+        if alive and checkpoints.saved != int(state.step):
+            checkpoints.save(state)
+        if interrupted:
+            say(f"Interrupted after step {done}; the same command resumes from checkpoint {store.steps()[-1:]}.")
+        store.close()
+        # Whole on one device, so that this process can use it alone.
+        return TrainResult(device_put(state, None) if alive else state, interrupted, checkpoints.unsaved)
 
 
-def _starting_state(
-    store: CheckpointStore,
-    config: TrainConfig,
-    optimiser: optax.GradientTransformationExtraArgs,
-    frames: int,
-    resume: bool,
-    start_from: Planner | None,
-    say: Callable[[str], None],
-) -> TrainState:
-    """The state that process 0 resumes from or starts with, in every process.
-
-    Raises:
-        InputError: if this process has another number of frames.
-    """
-    state = _restored(store, config, frames, say) if resume and is_first() else None
-    if state is None:
-        state = initial_state(config, optimiser)
-        if start_from is not None:
-            params = with_planner(config, state.params, start_from)
-            state = state._replace(params=params, opt_state=optimiser.init(params))
-    state, theirs = broadcast((state, np.int32(frames)))
-    if frames != theirs:
-        raise InputError(f"This process has {frames} frames and process 0 has {theirs}; give all the same data.")
-    return state
-
-
-def _restored(
-    store: CheckpointStore, config: TrainConfig, frames: int, say: Callable[[str], None]
-) -> TrainState | None:
-    found = store.restore_latest(on_damage=say)
-    if found is None:
-        return None
-    state, saved_config, saved_frames = found
-    store.delete_after(int(state.step))
-    if saved_config != config or saved_frames != frames:
-        raise CheckpointError(
-            f"{store.folder} holds a run with another configuration or data set; choose another output folder, or "
-            "delete this one to start afresh."
-        )
-    return state
+def run_lock(folder: Path) -> Path:
+    """The file that whoever trains in a folder has locked."""
+    return folder / ".lock"
 
 
 class _Checkpoints:
@@ -198,9 +164,15 @@ class _Checkpoints:
     """
 
     def __init__(
-        self, store: CheckpointStore, config: TrainConfig, frames: int, say: Callable[[str], None], saved: int
+        self,
+        store: CheckpointStore,
+        config: TrainConfig,
+        content: dict[str, str],
+        frames: int,
+        say: Callable[[str], None],
+        saved: int,
     ) -> None:
-        self._store, self._config, self._frames, self._say = store, config, frames, say
+        self._store, self._config, self._content, self._frames, self._say = store, config, content, frames, say
         self.saved = saved
         self.unsaved: str | None = None
 
@@ -208,7 +180,7 @@ class _Checkpoints:
         """Write a checkpoint."""
         try:
             if is_first():
-                self._store.save(state, self._config, self._frames)
+                self._store.save(state, self._config, self._frames, self._content)
         except CheckpointError as error:
             self.unsaved = str(error)
             self._say(self.unsaved)

@@ -20,6 +20,7 @@ from iwalker_jax.perception import (
     traversal_cost,
     trusted_cost,
 )
+from iwalker_jax.runtime.files import digest
 
 
 class TrainingData(NamedTuple):
@@ -113,6 +114,11 @@ def prepare(
         maps.route,
         maps.published,
     )
+
+
+def data_content(data: TrainingData) -> dict[str, str]:
+    """Digests of the frames that the data is made of, by name; the maps follow from them and the configuration."""
+    return {name: digest({name: getattr(data, name)}) for name in ("depth", "mounts", "goals")}
 
 
 def _half(maps: FrameMaps) -> FrameMaps:

@@ -1,7 +1,6 @@
 """The planner that ships with the package: its configuration and half-precision parameters in one small file."""
 
 import json
-import zipfile
 from pathlib import Path
 
 import jax
@@ -11,7 +10,7 @@ from flax import nnx
 
 from iwalker_jax.errors import CheckpointError
 from iwalker_jax.planning import Planner
-from iwalker_jax.runtime.files import write_npz
+from iwalker_jax.runtime.files import read_npz, write_npz
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.train_step import planner_from, planner_structure
@@ -42,16 +41,15 @@ def load_planner(file: Path = PRETRAINED) -> tuple[Planner, TrainConfig]:
         CheckpointError: if the file is missing, damaged or of another version.
     """
     try:
-        with np.load(file, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+        arrays = read_npz(file)
         config: TrainConfig = config_from_dict(TrainConfig, json.loads(str(arrays.pop(_CONFIG))))
         template = planner_structure(config).params
         paths, structure = jax.tree_util.tree_flatten_with_path(template)
         leaves = [_restored(arrays[jax.tree_util.keystr(path)], leaf.shape) for path, leaf in paths]
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise CheckpointError(
-            f"{file} holds no planner that this version can read ({type(error).__name__}: {error}); "
-            "train one with `python -m experiments.train` and pass its folder."
+            f"{file} holds no planner that this version can read ({error}); "
+            "train one with `iwalker-train` and pass its folder."
         ) from error
     return planner_from(config, jax.tree.unflatten(structure, leaves)), config
 

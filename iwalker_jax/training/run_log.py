@@ -1,32 +1,50 @@
 """The run's written record: metrics as JSON lines, optionally TensorBoard, and batches that broke a step."""
 
+import errno
 import json
+import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.files import write_npz, write_text
+from iwalker_jax.runtime.files import line_checksum, write_npz, write_text
+
+_CHECKSUM = "checksum"
 
 
 class MetricsLog:
     """Appends one JSON object a line to `metrics.jsonl`, and to TensorBoard if asked.
 
-    Opening it for a run that resumes at `first_step` drops the lines from that step on, which the run writes again.
+    Every line ends in a checksum. Opening the file for a run that resumes at `first_step` drops damaged lines and
+    those from that step on, which the run writes again.
     """
 
-    def __init__(self, folder: Path, first_step: int = 0, tensorboard: bool = False):
+    def __init__(
+        self, folder: Path, first_step: int = 0, tensorboard: bool = False, say: Callable[[str], None] = print
+    ) -> None:
         self.file = Path(folder) / "metrics.jsonl"
+        self._say, self._failed = say, False
         kept = [line for line in read_metrics(self.file) if line["step"] < first_step]
-        write_text(self.file, "".join(json.dumps(line) + "\n" for line in kept))
-        self._stream = self.file.open("a", buffering=1)
+        write_text(self.file, "".join(_line(line) for line in kept))
+        self._stream = self.file.open("ab", buffering=0)
         self._board = _tensorboard(folder) if tensorboard else None
 
     def write(self, step: int, values: dict[str, Any]) -> None:
-        """Record the values of a step (numbers become floats)."""
+        """Record the values of a step (numbers become floats); a full disk costs the line, and is said once."""
         numbers = {name: float(value) for name, value in values.items()}
-        self._stream.write(json.dumps({"step": step, **numbers}) + "\n")
+        end = self._stream.seek(0, os.SEEK_END)
+        line = _line({"step": step, **numbers}).encode()
+        try:
+            if self._stream.write(line) < len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError as error:
+            self._stream.truncate(end)
+            if not self._failed:
+                self._say(f"{self.file} cannot be written ({error.strerror}): the metrics of some steps are lost.")
+            self._failed = True
         if self._board is not None:
             for name, value in numbers.items():
                 self._board.add_scalar(name, value, step)
@@ -39,16 +57,26 @@ class MetricsLog:
 
 
 def read_metrics(file: Path) -> list[dict[str, Any]]:
-    """The lines of a metrics file; a half-written last line, as a killed process leaves, is dropped."""
+    """The lines of a metrics file; a half-written one, as a killed process leaves, and damaged ones are left out."""
     if not file.exists():
         return []
-    lines = []
-    for text in file.read_text().splitlines():
-        try:
-            lines.append(json.loads(text))
-        except json.JSONDecodeError:
-            break
-    return lines
+    found = (_whole_line(text) for text in file.read_bytes().splitlines())
+    return [line for line in found if line is not None]
+
+
+def _line(values: dict[str, Any]) -> str:
+    text = json.dumps(values)
+    return json.dumps(values | {_CHECKSUM: line_checksum([text])}) + "\n"
+
+
+def _whole_line(text: bytes) -> dict[str, Any] | None:
+    """The values of a line; None if it is damaged."""
+    try:
+        values = json.loads(text)
+        checksum = values.pop(_CHECKSUM)
+    except (ValueError, AttributeError, TypeError, KeyError, RecursionError):
+        return None
+    return values if checksum == line_checksum([json.dumps(values)]) else None
 
 
 def save_broken_batch(folder: Path, step: int, index: np.ndarray, values: dict[str, Any], state: Any) -> Path:

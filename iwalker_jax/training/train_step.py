@@ -227,8 +227,9 @@ def _descend(
     finite = jnp.isfinite(total) & jnp.isfinite(norm)
 
     def update(params: Any, opt_state: Any) -> tuple[Any, Any]:
-        updates, opt_state = optimiser.update(gradient, opt_state, params, norm=norm)
-        return optax.apply_updates(params, updates), opt_state
+        updates, new = optimiser.update(gradient, opt_state, params, norm=norm)
+        # The schedule's numbers are double where JAX is set so; the networks and what they remember stay single.
+        return optax.apply_updates(params, updates), jax.tree.map(lambda x, old: x.astype(old.dtype), new, opt_state)
 
     # A bad batch must not poison the parameters: leave them and the optimiser as they were. A branch updates in
     # place; selecting between the old and the new values would pass over all of them a second time.

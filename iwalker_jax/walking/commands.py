@@ -22,13 +22,17 @@ from iwalker_jax.control import (
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import Side, host, other_side
 from iwalker_jax.robot import FEET
+from iwalker_jax.runtime import read_text
 
 MotionKind = Literal["stand", "in_place", "straight", "sideways", "turn", "s_curve", "footsteps", "path"]
 
 CURVE_RADIUS = 1.0
 """[m] of both arcs of the S-curve."""
 _PACE_CHANGE = 0.03  # [m] by which successive steps may lengthen
+_MAX_FILE_BYTES = 16 * 1024 * 1024  # of a path
 _ROWS = 64  # of a plan, or a multiple
+_LONGEST_WALK = 1000.0  # [m]
+_MOST_STEPS = 100_000
 _SETTLING = 2.0  # [s] allowed for coming to rest
 
 
@@ -63,7 +67,7 @@ class Motion:
             "speed": (-1.0, 1.0, "m/s"),
             "turn": (-90.0, 90.0, "deg/s"),
             "step_length": (-0.3, 0.3, "m"),
-            "distance": (0.01, 1000.0, "m"),
+            "distance": (0.01, _LONGEST_WALK, "m"),
             "seconds": (0.1, 3600.0, "s"),
             "width": (0.05, 0.25, "m"),
         }
@@ -160,7 +164,16 @@ def _ramp(length: float) -> int:
 
 
 def _steps_for(distance: float, length: float) -> int:
-    """Fewest footsteps that cover a distance [m] with the ramps included."""
+    """Fewest footsteps that cover a distance [m] with the ramps included.
+
+    Raises:
+        InputError: if they are too many for any walk.
+    """
+    if distance > _LONGEST_WALK or distance / length > _MOST_STEPS:
+        raise InputError(
+            f"{distance:g} m in steps of {length:g} m are too long a walk; give at most {_LONGEST_WALK:g} m and "
+            f"{_MOST_STEPS} steps."
+        )
     lost = _ramp(length)  # the ramps miss half their steps each
     steps = int(np.floor(distance / length)) + 2
     while ramp_shares(steps, lost).sum() * length < distance - 1e-9:
@@ -185,9 +198,9 @@ def load_path(file: Path) -> Float[np.ndarray, "n 2"]:
         InputError: with what is wrong.
     """
     try:
-        lines = Path(file).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"The path file {file} cannot be read ({error}); give a CSV file.") from error
+        lines = read_text(Path(file), _MAX_FILE_BYTES).splitlines()
+    except InputError as error:
+        raise InputError(f"The path file {file} cannot be read: it {error}") from None
     points: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):

@@ -1,6 +1,6 @@
 """Files that replay a robot whose state turned non-finite, tick by tick.
 
-`python -m experiments.walk` writes one as `nan_dump.npz` when that happens. With the walker built as the command built
+`iwalker-walk` writes one as `nan_dump.npz` when that happens. With the walker built as the command built
 it (`default_walker(sensors)`), `load_dump(file, walker)` gives the robot's conditions, plan and start state and its
 last ticks, and `retrace` or `walk_tick` walks them again.
 """
@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.control import FootstepPlan
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.files import write_npz
+from iwalker_jax.runtime.files import read_npz, write_npz
 from iwalker_jax.walking.batch import BrokenRow
 from iwalker_jax.walking.rollout import Conditions, Walker, WalkState, start_walk, walk_tick
 
@@ -89,8 +89,7 @@ def load_dump(file: Path, walker: Walker) -> tuple[BrokenRow, TickStates]:
         InputError: no such dump, or one of another kind of walker.
     """
     try:
-        with np.load(file) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+        arrays = read_npz(file)
         states = TickStates(*(arrays[name] for name in TickStates._fields))
         fields = [int(name.removeprefix("conditions_")) for name in arrays if name.startswith("conditions_")]
         conditions = Conditions(*(jnp.asarray(arrays[f"conditions_{k}"]) for k in range(len(fields))))
@@ -98,7 +97,7 @@ def load_dump(file: Path, walker: Walker) -> tuple[BrokenRow, TickStates]:
         plan = FootstepPlan(*(jnp.asarray(arrays[f"plan_{k}"]) for k in range(len(FootstepPlan._fields))))
         shapes, structure = jax.tree.flatten(jax.eval_shape(start_walk, walker, conditions))
         leaves = [_restored(arrays[f"state_{k}"], shape) for k, shape in enumerate(shapes)]
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError) as error:
         raise InputError(f"{file} is no dump of such a walk ({error}); use the options it was made with.") from error
     state = jax.tree.unflatten(structure, leaves)
     return BrokenRow(int(arrays["row"]), conditions, plan, state, int(arrays["ticks"])), states

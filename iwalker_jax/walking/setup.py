@@ -13,12 +13,17 @@ from iwalker_jax.control import GaitParameters, make_controller
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import SensorNoise
 from iwalker_jax.robot import LEG_COUNT, LEG_POSITIONS, RobotModel, load_leg_kinematics, load_robot
+from iwalker_jax.streams import check_seed
 from iwalker_jax.walking.rollout import MAX_DELAY, Conditions, Walker
 
 Sensors = Literal["none", "nominal", "harsh"]
 
 STEP_TIME = float(GaitParameters().hlip.step_time)
 """[s] of a step of the default controller."""
+
+
+MOST_ROBOTS = 65_536
+"""Of a batch."""
 
 
 def default_walker(sensors: Sensors = "none", gait: GaitParameters | None = None) -> tuple[Walker, mujoco.MjModel]:
@@ -93,12 +98,11 @@ def sample_conditions(
         step_time: [s] of a step, of the walker's controller if it is not the default one.
 
     Raises:
-        InputError: no robot, or a negative seed.
+        InputError: no robot, more than `MOST_ROBOTS`, or a bad seed.
     """
-    if count < 1 or seed < 0:
-        raise InputError(
-            f"{count} robots with seed {seed} were asked for; give at least 1 robot and a seed of 0 or more."
-        )
+    if not 1 <= count <= MOST_ROBOTS:
+        raise InputError(f"{count} robots were asked for; give 1 to {MOST_ROBOTS}.")
+    check_seed(seed, "the robots' conditions")
     rows = [_draw(robot, disturbances, np.random.default_rng((seed, k)), step_time) for k in range(count)]
     friction, mass, force, start, delay, qpos, qvel = (np.stack(column) for column in zip(*rows))
     dtype = robot.home.dtype

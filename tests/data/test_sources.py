@@ -80,7 +80,8 @@ def test_a_damaged_cache_is_said_and_made_anew(generated, cache, damage):
     if damage == "truncated":
         file.write_bytes(file.read_bytes()[:-10])
     else:
-        file.with_suffix(".sha256").unlink()
+        with np.load(file) as stored:
+            np.savez(file, **{name: stored[name] for name in stored.files if name != "sha256"})
     said = []
     again = load_training_frames(SOURCE, CAMERA, say=said.append)
     assert len(generated) == 2

@@ -68,11 +68,3 @@ def _stopped_after_parsing(module: str, arguments: tuple[str, ...]) -> Iterator[
         for place in (headless, film):
             patch.setattr(place, "configure_rendering", lambda: None, raising=False)
         yield
-
-
-def reads_options(module: str) -> bool:
-    """Whether a command has a parser at all; one that has none runs at once and takes no arguments."""
-    source = importlib.util.find_spec(module)
-    assert source is not None and source.origin is not None, f"there is no module {module}"
-    text = Path(source.origin).read_text(encoding="utf-8")
-    return any(word in text for word in ("argparse", "tyro", "study_main"))

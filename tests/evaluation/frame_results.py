@@ -31,7 +31,7 @@ def make_result(truth: bool = True, frames: int = 4, name: str = "office") -> Se
         footsteps=np.tile(steps, (n, 1, 1)),
         fear=np.linspace(0.1, 0.9, n),
         stance_sign=np.where(in_view, 1.0, -1.0),
-        plan=PlanMetrics(counting, 2 * counting, 10 + counting, 0.5 * counting),
+        plan=PlanMetrics(counting, 2 * counting, 3 * counting, 10 + counting, 0.5 * counting),
         truth=TrueMetrics(
             path_collides=~served,
             footsteps_in_collision=0.1 * counting,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments import evaluate, train
+from iwalker_jax.commands import evaluate, train
 from iwalker_jax.evaluation.frames import report, sequences
 from iwalker_jax.perception import Intrinsics
 

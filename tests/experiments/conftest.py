@@ -31,7 +31,7 @@ def own_cache(cache, monkeypatch):
 @pytest.fixture(scope="session")
 def finished_run(cache, tmp_path_factory) -> Run:
     """The command run once to its end."""
-    from experiments.shared.console import console
+    from iwalker_jax.commands.shared.console import console
 
     folder = tmp_path_factory.mktemp("runs") / "first"
     with pytest.MonkeyPatch.context() as patch, console.capture() as capture:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from experiments import collect
+from iwalker_jax.commands import collect
 from iwalker_jax.data.frame_set import FrameSet, load_frames
 from iwalker_jax.navigation.record import Outcome
 from iwalker_jax.perception import Intrinsics
@@ -61,6 +61,28 @@ def test_a_stopped_collection_goes_on_where_it_was(run_seeds, tmp_path, capsys):
     assert not (tmp_path / "episodes.parts").exists()
 
 
+@pytest.mark.parametrize("what", ["frames", "ends", "no ends", "settings"])
+def test_a_collection_goes_on_after_damage_and_a_kill_between_two_files(run_seeds, tmp_path, capsys, what):
+    """Oracle: which batches were run; the one whose files are not whole is run again."""
+    file = tmp_path / "episodes.npz"
+    options, folder = ["--tasks", "5", "--out", str(file)], tmp_path / "episodes.parts"
+    if what == "settings":
+        folder.mkdir()
+        (folder / "settings.part.json").write_text('{"tas')
+        assert collect.main(options) == 130 and run_seeds == [0, 2, 4]
+        return
+    assert collect.main(options) == 130
+    damaged = folder / ("2.npz" if what == "frames" else "2.json")
+    if what == "no ends":
+        damaged.unlink()
+    else:
+        damaged.write_bytes(damaged.read_bytes().replace(b"reached", b"seached")[:-3] + b'"]\n')
+    assert collect.main(options) == 0
+    assert run_seeds == [0, 2, 4, 2, 4]
+    printed = capsys.readouterr().out
+    assert "recorded anew" in printed and "(5 reached)" in printed
+
+
 def test_a_folder_of_something_else_is_left_alone(run_seeds, tmp_path, capsys):
     (tmp_path / "episodes.parts").mkdir()
     (tmp_path / "episodes.parts" / "mine").write_text("mine")
@@ -76,6 +98,9 @@ def test_a_folder_of_something_else_is_left_alone(run_seeds, tmp_path, capsys):
         (["--stride", "0"], "--stride"),
         (["--width", "0"], "--width"),
         (["--seconds", "nan"], "positive time"),
+        (["--seconds", "inf"], "positive time"),
+        (["--tasks", "1000000000"], "--tasks is 1000000000; give at most"),
+        (["--seed", "-1"], "--seed is -1"),
         (["--policy", "psychic"], "psychic"),
     ],
 )

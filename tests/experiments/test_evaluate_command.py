@@ -10,8 +10,8 @@ import jax
 import pytest
 from flax import nnx
 
-from experiments import evaluate
-from experiments.shared.planners import fingerprint, planner_of
+from iwalker_jax.commands import evaluate
+from iwalker_jax.commands.shared.planners import fingerprint, planner_of
 from tests.data.recording_folders import write_yaml_recording
 from tests.evaluation.episode_records import StubProgram
 from tests.experiments.commands import SCENES, evaluate_command, evaluate_episodes_command, fails_with_one_sentence
@@ -19,7 +19,7 @@ from tests.experiments.commands import SCENES, evaluate_command, evaluate_episod
 
 def read_table(folder):
     with (folder / "table.csv").open() as stream:
-        return {row.pop("scene"): row for row in csv.DictReader(stream)}
+        return {row.pop("scene"): row for row in csv.DictReader(stream) if row.pop("plans") == "planner"}
 
 
 def test_evaluation_repeats_the_table_of_training(finished_run, tmp_path, capsys):

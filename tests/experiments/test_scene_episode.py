@@ -13,9 +13,9 @@ import pytest
 import tyro
 
 from bruce_model import load_mujoco
-from experiments import walk
-from experiments.shared import scene_episode
-from experiments.shared.walk_options import EpisodeOptions, SharedOptions, WalkOptions, option_values
+from iwalker_jax.commands import walk
+from iwalker_jax.commands.shared import scene_episode
+from iwalker_jax.commands.shared.walk_options import EpisodeOptions, SharedOptions, WalkOptions, option_values
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.body_volume import load_body_volume
 from iwalker_jax.navigation.record import Outcome

@@ -4,8 +4,8 @@ import dataclasses
 
 import pytest
 
-from experiments import ablation, compare, evaluate, train, whole_body_study
-from experiments.shared import training_study as study
+from iwalker_jax.commands import ablation, compare, evaluate, train, whole_body_study
+from iwalker_jax.commands.shared import training_study as study
 from iwalker_jax.training.config import TrainConfig
 from tests.experiments.commands import fails_with_one_sentence
 

@@ -47,7 +47,8 @@ def test_a_run_leaves_everything_it_promises(finished_run, cache):
         assert sheet is not None and sheet.std() > 10
     with (folder / "evaluation" / "table.csv").open() as stream:
         rows = list(csv.DictReader(stream))
-    assert [row["scene"] for row in rows] == [*SCENES, "unseen"]
+    plans = ("planner", "stand still", "straight line")
+    assert [(row["scene"], row["plans"]) for row in rows] == [(s, p) for s in (*SCENES, "unseen") for p in plans]
     assert all(np.isfinite(float(row["feasibility"])) and 0 <= float(row["served %"]) <= 100 for row in rows)
     assert list((cache / "frames").glob("16-0-*.npz"))
 
@@ -152,6 +153,12 @@ def test_bad_recordings_are_one_sentence(tmp_path, capsys, make, words):
         (("--source.frames", "3"), "cannot cover"),
         (("--source.frames", "-5"), "cannot cover"),
         (("--devices", "64"), "devices"),
+        (("--seed", "-1"), "seed of the training is -1"),
+        (("--seed", "1" + 400 * "0"), "seed of the training"),
+        (("--source.seed", "-1"), "seed of the frames is -1"),
+        (("--source.frames", "1000000000"), "at most 1000000"),
+        (("--batch-size", "1000000000"), "at most 65536"),
+        (("--unseen-scenes", "1000000000"), "at most 1000000"),
     ],
 )
 def test_bad_options_are_one_sentence(tmp_path, capsys, arguments, words):

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from experiments import walk, walk_study
-from experiments.shared.console import console
+from iwalker_jax.commands import walk, walk_study
+from iwalker_jax.commands.shared.console import console
 from iwalker_jax.evaluation.walks.tables import WALK_COLUMNS
 from iwalker_jax.walking import Disturbances, Motion
 from tests.experiments.commands import fails_with_one_sentence
@@ -100,7 +100,11 @@ def test_the_study_asks_for_what_it_says():
     ("options", "words"),
     [
         (["--speed", "7"], "speed"),
-        (["--robots", "0"], "at least 1 robot"),
+        (["--robots", "0"], "0 robots were asked for; give 1 to"),
+        (["--robots", "1000000000"], "give 1 to 65536"),
+        (["--seed", "-1"], "seed of the robots' conditions is -1"),
+        (["--path", "long.csv"], "at most 1000 m"),
+        (["--motion", "straight", "--distance", "900", "--speed", "1e-9"], "100000 steps"),
         (["--footsteps", "missing.csv"], "cannot be read"),
         (["--footsteps", "a.csv", "--path", "b.csv"], "choose one"),
         (["--friction", "1", "0.5"], "smaller first"),
@@ -110,7 +114,9 @@ def test_the_study_asks_for_what_it_says():
         (["--scene", "office", "--policy", "runs/mine"], "Unknown policy"),
     ],
 )
-def test_bad_options_are_one_sentence(tmp_path, capsys, options, words):
+def test_bad_options_are_one_sentence(tmp_path, capsys, monkeypatch, options, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "long.csv").write_text("0, 0\n1e6, 0\n")
     assert words in fails_with_one_sentence(lambda: walk.main([*options, "--out", str(tmp_path)]), capsys)
 
 

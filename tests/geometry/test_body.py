@@ -17,7 +17,7 @@ def test_every_part_reckons_with_the_bodys_radius_and_its_margin():
     assert BODY.layout_radius == 0.15
     assert RouteParameters().inflated_radius == CameraPathSampling().min_clearance == BODY.route_radius == 0.2
     assert GuidanceParameters().traversal.body_radius == 0.2
-    assert BandParameters().min_clearance == BODY.stop_radius == 0.22
+    assert BandParameters().min_clearance == GuidanceParameters().required_clearance == BODY.gap_radius == 0.19
 
 
 @pytest.mark.parametrize(
@@ -25,8 +25,9 @@ def test_every_part_reckons_with_the_bodys_radius_and_its_margin():
     [
         ({"radius": 0.0}, "radius > 0"),
         ({"layout_margin": -0.2}, r"radius \+ layout_margin > 0"),
-        ({"route_margin": -0.01}, "0 <= route_margin <= stop_margin"),
-        ({"route_margin": 0.05}, "0 <= route_margin <= stop_margin"),
+        ({"gap_margin": -0.01}, "0 <= gap_margin <= route_margin"),
+        ({"gap_margin": 0.05}, "0 <= gap_margin <= route_margin"),
+        ({"step_over": 0.0}, "step_over > 0"),
     ],
 )
 def test_bodies_that_cannot_be_are_refused(changes, sentence):

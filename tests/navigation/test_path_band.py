@@ -55,6 +55,21 @@ def test_a_robot_that_stands_too_close_can_walk_away_but_not_closer():
     assert float(closer[:, 0].min()) > -0.01
 
 
+@pytest.mark.parametrize("width", [0.30, 0.34, 0.36])
+def test_a_robot_never_creeps_through_a_gap_that_it_does_not_fit(width):
+    """It walks each path to its end and asks again, swaying. Oracle: the gap's width and place."""
+    grid = GridSpec(-2.0, -2.0, 0.025, 160, 160)
+    x, y = np.moveaxis(np.asarray(grid.centres()), -1, 0)
+    esdf = signed_distance_field(jnp.asarray((np.abs(x - 0.8) < 0.06) & (np.abs(y) > width / 2)), 0.025)
+    through = jax.jit(lambda start: safe_path(PARAMETERS, jnp.linspace(start, jnp.asarray([1.6, 0.0]), 60), esdf, grid))
+    at = np.zeros(2)
+    for k in range(60):
+        path, cut = through(jnp.asarray([at[0], at[1] + 0.02 * (-1) ** k], jnp.float32))
+        assert cut
+        at = np.asarray(path[-1]) * [1.0, 0.0]
+    assert at[0] < 0.8 - 0.06 - 0.1
+
+
 def test_a_path_walled_in_on_all_sides_is_cut():
     """A ring without room for the body around its far end; oracle: the ring's geometry."""
     distance = np.linalg.norm(CENTRES - [2.0, 0.0], axis=-1)

@@ -7,7 +7,15 @@ import pytest
 from flax import nnx
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.step_planning import PursuitParameters, Stance, plan_steps, pursue, stop_steps
+from iwalker_jax.navigation.step_planning import (
+    PursuitParameters,
+    Stance,
+    centre_of,
+    has_nothing_to_do,
+    plan_steps,
+    pursue,
+    stop_steps,
+)
 from iwalker_jax.planning.istepper import IStepper, IStepperConfig
 from iwalker_jax.planning.robot_state import StepGeometry
 
@@ -84,14 +92,37 @@ def test_the_end_of_a_path_is_not_overrun():
 def test_footsteps_alternate_beside_the_line(istepper, left, yaw):
     """Oracle: sides in NumPy; the swing foot of a left stance is the right one."""
     turned = STRAIGHT @ np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-    plan = plan_steps(
-        PARAMETERS, istepper, jnp.asarray(turned, jnp.float32), jnp.asarray([5.0, 0.0]), stance(left, yaw)
-    )
+    path, face_point = jnp.asarray(turned, jnp.float32), jnp.asarray([5.0, 0.0])
+    plan, _ = plan_steps(PARAMETERS, istepper, path, face_point, stance(left, yaw), jnp.zeros(2))
     across = np.asarray(plan.positions) @ [-np.sin(yaw), np.cos(yaw)]
     sides = np.where(np.arange(STEPS.count) % 2 == 0, -1, 1) * (1 if left else -1)
     np.testing.assert_allclose(across, sides * STEPS.width / 2, atol=5e-3)
     np.testing.assert_allclose(plan.yaws, yaw, atol=1e-3)
     assert int(plan.first_swing) == (0 if left else 1)
+
+
+def test_a_turn_on_the_spot_does_not_drift_with_feet_that_land_beside_their_footsteps(istepper):
+    """Every foot lands 1 cm off. Oracle: the spot; planned from the feet alone the middle goes 4 cm in eight steps."""
+    nowhere, behind = jnp.asarray(NOWHERE, jnp.float32), jnp.asarray([-3.0, 0.0])
+    plan = jax.jit(lambda stance, spot: plan_steps(PARAMETERS, istepper, nowhere, behind, stance, spot))
+    spot, foot, side, yaw, middles = jnp.zeros(2), jnp.asarray([0.0, 0.05]), 1, 0.0, []
+    for _ in range(16):
+        stands = Stance(foot, jnp.zeros(2), foot, jnp.asarray(yaw), jnp.asarray(side), jnp.asarray(0.0))
+        middles.append(centre_of(stands, STEPS.width))
+        steps, spot = plan(stands, spot)
+        foot, yaw, side = steps.positions[0] + jnp.asarray([0.006, 0.008]), float(steps.yaws[0]), 1 - side
+    np.testing.assert_allclose(spot, 0.0, atol=1e-6)
+    assert np.linalg.norm(middles, axis=1).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("path", "face_point", "stands"),
+    [(NOWHERE, (2.0, 0.1), True), (NOWHERE, (0.0, 2.0), False), (STRAIGHT, (2.0, 0.1), False)],
+    ids=["no way", "no way, but somewhere to look", "a way"],
+)
+def test_a_robot_without_a_way_stands_instead_of_stepping_on_the_spot(path, face_point, stands):
+    path, face_point = jnp.asarray(path, jnp.float32), jnp.asarray(face_point)
+    assert bool(has_nothing_to_do(PARAMETERS, path, face_point, jnp.zeros(3))) == stands
 
 
 def test_stopping_takes_two_steps_on_the_spot():

@@ -6,12 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from iwalker_jax.runtime.files import atomic_write, write_csv, write_json, write_npz, write_text
+from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.files import atomic_write, read_npz, write_csv, write_json, write_npz, write_text
 
 KILLED = """
 import os, signal, sys
@@ -95,3 +97,75 @@ def test_objects_are_no_arrays(tmp_path):
     with pytest.raises(ValueError, match="pickle"):
         write_npz(tmp_path / "a.npz", {"x": np.array([{}], object)})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_flipped_bits_are_noticed_or_harmless(tmp_path):
+    """Oracle: the arrays that were written. 300 single bits, anywhere in the file; many lie in fields of the archive
+    that say nothing, such as dates."""
+    arrays = {"weights": np.linspace(0, 1, 40, dtype=np.float16).reshape(8, 5), "config": np.array('{"seed": 0}')}
+    file = tmp_path / "a.npz"
+    write_npz(file, arrays)
+    content = file.read_bytes()
+    noticed = 0
+    for bit in np.random.default_rng(0).integers(0, 8 * len(content), 300):
+        damaged = bytearray(content)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        file.write_bytes(bytes(damaged))
+        try:
+            found = read_npz(file)
+        except InputError as error:
+            assert str(file) in str(error) and "\n" not in str(error)
+            noticed += 1
+            continue
+        assert list(found) == list(arrays)
+        for name, array in arrays.items():
+            assert found[name].dtype == array.dtype
+            np.testing.assert_array_equal(found[name], array)
+    assert noticed > 150
+
+
+def test_edited_arrays_are_noticed(tmp_path):
+    """NumPy's own writer gives the edited file an archive that is whole."""
+    file = tmp_path / "a.npz"
+    write_npz(file, {"x": np.zeros(3)})
+    with np.load(file) as stored:
+        checksum = stored["sha256"]
+    np.savez(file, x=np.array([0.0, 0.0, 1.0]), sha256=checksum)
+    with pytest.raises(InputError, match="does not match its checksum"):
+        read_npz(file)
+    np.savez(file, x=np.zeros(3))
+    with pytest.raises(InputError, match="no checksum"):
+        read_npz(file)
+    assert list(read_npz(file, foreign=True)) == ["x"]
+
+
+def test_an_error_of_the_disk_names_the_file(tmp_path, monkeypatch):
+    def full(number: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        write_text(tmp_path / "page.html", "new")
+    assert caught.value.filename == str(tmp_path / "page.html")
+
+
+def test_two_that_write_one_file_take_turns(tmp_path):
+    """By construction: the second begins while the first is half done; the file is never half written, and the last
+    writer's content stays."""
+    file, seen = tmp_path / "a.txt", []
+
+    def second() -> None:
+        with atomic_write(file) as part:
+            seen.append(file.read_text())
+            part.write_text("second")
+
+    with atomic_write(file) as part:
+        part.write_text("fir")
+        thread = threading.Thread(target=second)
+        thread.start()
+        thread.join(0.2)
+        assert thread.is_alive() and not file.exists()
+        part.write_text("first")
+    thread.join(10)
+    assert seen == ["first"] and file.read_text() == "second"
+    assert list(tmp_path.iterdir()) == [file]

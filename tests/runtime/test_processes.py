@@ -7,7 +7,7 @@ import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.processes import ProcessGroup
-from iwalker_jax.runtime.rendezvous import DistributedProcess, rendezvous
+from iwalker_jax.runtime.rendezvous import DistributedProcess, bind_address, rendezvous
 from tests.runtime.ports import free_port
 
 
@@ -84,6 +84,35 @@ def test_who_is_missing_is_said(answers, calls_out, others):
 def test_a_coordinator_that_is_not_there_is_said():
     (sentence,) = rendezvous_of(DistributedProcess("localhost", free_port(), 1, 2, 0.5))
     assert "No process 0 was found" in sentence
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1"])
+def test_a_coordinator_at_the_loopback_is_reached_from_nowhere_else(host):
+    """Oracle: what a client finds at the machine's other addresses while process 0 waits; there may be none."""
+    if host == "::1" and not socket.has_dualstack_ipv6():
+        pytest.skip("no IPv6 here")
+    port = free_port()
+    assert bind_address(host, port) in (f"127.0.0.1:{port}", f"[::1]:{port}")
+    others = {str(entry[4][0]) for entry in socket.getaddrinfo(socket.gethostname(), None)} - {"127.0.0.1", "::1"}
+    found = []
+
+    def knock() -> None:
+        for address in others:
+            try:
+                socket.create_connection((address, port), 0.3).close()
+            except OSError:
+                continue
+            found.append(address)
+
+    thread = threading.Timer(0.2, knock)
+    thread.start()
+    (sentence,) = rendezvous_of(DistributedProcess(host, port, 0, 2, 1.0))
+    thread.join()
+    assert "did not come" in sentence and found == []
+
+
+def test_an_address_that_this_machine_does_not_have_means_all_of_its_own():
+    assert bind_address("192.0.2.1", 5) in ("[::]:5", "0.0.0.0:5")
 
 
 def test_a_port_in_use_is_said():

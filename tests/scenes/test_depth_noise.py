@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments.show_depth_noise import frame_statistics, quietest_stretch
+from iwalker_jax.commands.show_depth_noise import frame_statistics, quietest_stretch
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise

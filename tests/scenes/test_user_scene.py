@@ -125,7 +125,8 @@ def test_solids_of_a_mesh_are_taken_over_exactly(tmp_path):
     mesh.export(tmp_path / "office.stl")
     user = convert_user_scene(tmp_path / "office.stl", bounds=task.scene.bounds)
     assert (user.merged, user.discs) == (0, 0)
-    assert user.exact == len(task.scene.boxes) + len(task.scene.cylinders) - 1, "a plate of 3 cm lies on the floor"
+    # Also the plate of 3 cm that lies on the floor: feet do not clear it.
+    assert (user.exact, user.low) == (len(task.scene.boxes) + len(task.scene.cylinders), 0)
     poses = [task.start, (2.0, 4.0, -0.5), (5.8, 4.2, 3.0)]
     assert share_within(mesh_model(mesh), user.scene, poses, 0.01) > 0.98
     user.scene.arrays()

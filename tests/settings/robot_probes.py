@@ -34,7 +34,7 @@ from iwalker_jax.navigation.guide import GuidanceParameters, Observation, guide
 from iwalker_jax.navigation.map_memory import MapMemoryParameters, empty_memory, memory_cells, update_memory
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.navigation.path_band import BandParameters, safe_path
-from iwalker_jax.navigation.step_planning import PursuitParameters, pursue
+from iwalker_jax.navigation.step_planning import PursuitParameters, held_on_spot, pursue
 from iwalker_jax.perception.grid import DEFAULT_GRID
 from iwalker_jax.planning.planner import Planner, PlannerConfig
 from iwalker_jax.planning.robot_state import StepGeometry
@@ -203,7 +203,10 @@ PROBES = {
     ),
     PursuitParameters: (
         Probe(
-            lambda c: pursue(c, StepGeometry(), PATH, jnp.ones(2), jnp.zeros(2), jnp.asarray(0.3)), PursuitParameters()
+            lambda c: held_on_spot(
+                c, pursue(c, StepGeometry(), PATH, jnp.ones(2), jnp.zeros(2), jnp.asarray(0.3)), jnp.ones(2)
+            ),
+            PursuitParameters(),
         ),
     ),
     LoopParameters: (

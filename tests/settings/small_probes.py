@@ -74,7 +74,7 @@ LIGHT = IPathConfig(camera=SMALL, trunk_width=4, hidden=8)
 
 PROBES = {
     BodyParameters: Probe(
-        lambda c: (c.radius, c.layout_radius, c.route_radius, c.stop_radius), BodyParameters(), traced=False
+        lambda c: (c.radius, c.layout_radius, c.route_radius, c.gap_radius, c.step_over), BodyParameters(), traced=False
     ),
     HlipParameters: Probe(lambda c: solve_step_mpc(STEPS, PLANES, c, StepMpcWeights()).value, HlipParameters()),
     StepMpcWeights: Probe(lambda c: solve_step_mpc(STEPS, PLANES, HlipParameters(), c).value, StepMpcWeights()),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flax import nnx
 
-from experiments import train as train_command
+from iwalker_jax.commands import train as train_command
 from iwalker_jax.data.frame_set import FrameSet
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.frames.sequences import evaluate_sequence

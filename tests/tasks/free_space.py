@@ -3,12 +3,13 @@
 import numpy as np
 from scipy import ndimage
 
+from iwalker_jax.geometry import BODY
 from iwalker_jax.scenes.scene import Scene
 
 CELL = 0.025
 
 
-def clearance_map(scene: Scene, z_low: float = 0.05, z_high: float = 0.75) -> np.ndarray:
+def clearance_map(scene: Scene, z_low: float = BODY.step_over, z_high: float = 0.75) -> np.ndarray:
     """Distance [m] of every cell to the nearest obstacle cell, in rows along x from the bounds' lower corner."""
     x_min, y_min, x_max, y_max = scene.bounds
     rows, columns = round((x_max - x_min) / CELL), round((y_max - y_min) / CELL)

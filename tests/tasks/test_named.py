@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.scenes import room_is_passable
 from iwalker_jax.tasks import named as demonstrations
-from iwalker_jax.tasks.named import TASK_NAMES, demonstration, named_task
+from iwalker_jax.tasks.named import ROOM_TASK_NAMES, TASK_NAMES, demonstration, named_task
 from iwalker_jax.tasks.task import GOAL_CAPACITY, stack_tasks
 from tests.tasks.free_space import bottleneck, cell_of, clearance_map, connected
 
 
-@pytest.mark.parametrize("name", TASK_NAMES)
+@pytest.mark.parametrize("name", [name for name in TASK_NAMES if name not in ROOM_TASK_NAMES])
 def test_every_seed_leaves_a_route(name):
     """Oracle: connected components of a Euclidean distance transform at 0.2 m; room to start and to stand."""
     for seed in range(4):
@@ -29,6 +30,18 @@ def test_every_seed_leaves_a_route(name):
         assert again.start == task.start
         np.testing.assert_array_equal(again.scene.boxes, task.scene.boxes)
         task.scene.arrays()
+
+
+@pytest.mark.parametrize("name", ROOM_TASK_NAMES)
+def test_hard_rooms_have_a_way_or_none_as_they_claim(name):
+    """Oracle: connected components of a Euclidean distance transform, between the widths of 0.40 and 0.45 m."""
+    for seed in range(2):
+        task = named_task(name, seed)
+        clearance = clearance_map(task.scene)
+        stops = np.concatenate([[task.start[:2]], task.goals])
+        passable = room_is_passable(name.removeprefix("room_"))
+        assert passable is None or connected(task.scene, clearance, stops, 0.21) == passable
+        assert clearance[cell_of(task.scene, stops[0])] > 0.35 - 0.04
 
 
 def test_seeds_move_the_start_and_small_things_only():

@@ -1,16 +1,19 @@
 """Training: a resumed run equals an uninterrupted one, two devices equal one, and broken batches are survived."""
 
-import json
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from iwalker_jax.data.sources import DataConfig
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.training import loop
 from iwalker_jax.training.batches import frame_order, gather_batch
+from iwalker_jax.training.checkpoints import Checkpoint
 from iwalker_jax.training.loop import batch_mesh, train
+from iwalker_jax.training.resume import differences
 from iwalker_jax.training.run_log import MetricsLog, read_metrics
 from iwalker_jax.training.train_step import initial_state, make_optimiser, make_train_step
 from tests.training.conftest import assert_trees_equal
@@ -131,15 +134,53 @@ def test_mirroring_flips_everything_together(small_config, small_data):
         np.testing.assert_array_equal(mirrored.maps.route[row], plain.maps.route[row] * np.array([1.0, -1.0]))
 
 
-def test_another_configuration_does_not_resume(uninterrupted, config_with, small_data):
+def test_another_configuration_does_not_resume_and_the_field_is_named(uninterrupted, config_with, small_data):
     folder, _ = uninterrupted
-    with pytest.raises(CheckpointError, match="another configuration"):
+    with pytest.raises(
+        CheckpointError, match=r"another configuration.*: learning_rate is 0.0015 there and 0.0005 here"
+    ):
         train(config_with(learning_rate=5e-4), small_data, folder, say=lambda text: None)
+
+
+def test_data_is_compared_by_its_content_not_by_its_place(uninterrupted, config_with, small_data):
+    """The same frames by another path, and another rhythm of checkpoints, go on (here: have nothing left to do)."""
+    folder, whole = uninterrupted
+    moved = config_with(source=DataConfig(folder=Path("elsewhere")), checkpoint_every=5, keep_checkpoints=3)
+    assert_trees_equal(train(moved, small_data, folder, say=lambda text: None).state, whole.state)
+
+
+@pytest.mark.parametrize("field", ["depth", "mounts", "goals"])
+def test_other_data_of_the_same_size_does_not_resume(uninterrupted, small_config, small_data, field):
+    """At the same place: a single number of one array is another."""
+    folder, _ = uninterrupted
+    array = np.array(getattr(small_data, field))
+    array[(3,) + (0,) * (array.ndim - 1)] += 1
+    before = sorted((folder / "checkpoints").iterdir())
+    with pytest.raises(CheckpointError, match=f"the frames' {field} are others there"):
+        train(small_config, small_data._replace(**{field: jnp.asarray(array)}), folder, say=lambda text: None)
+    assert sorted((folder / "checkpoints").iterdir()) == before
+
+
+def test_without_known_content_the_source_must_be_the_same(
+    small_config, small_data, config_with, tmp_path, monkeypatch
+):
+    """A path may be spelt in any way; the number of frames and the folder are named if they differ."""
+    monkeypatch.chdir(tmp_path)
+    state = initial_state(small_config, make_optimiser(small_config, 6))
+    saved = Checkpoint(state, config_with(source=DataConfig(folder=Path("walk"))), 8, {})
+    same = config_with(source=DataConfig(folder=tmp_path / "other" / ".." / "walk"))
+    assert differences(saved, same, small_data) == []
+    (sentence,) = differences(saved, config_with(source=DataConfig(folder=Path("ride"))), small_data)
+    assert "source.folder" in sentence and "walk" in sentence and "ride" in sentence
+    assert differences(saved._replace(frames=7), same, small_data) == ["the data has 7 frames there and 8 here"]
 
 
 def test_metrics_survive_a_half_written_line(tmp_path):
     file = tmp_path / "metrics.jsonl"
-    file.write_text(json.dumps({"step": 0, "total": 1.0}) + '\n{"step": 1, "tot')
+    log = MetricsLog(tmp_path)
+    log.write(0, {"total": 1.0})
+    log.close()
+    file.write_text(file.read_text() + '{"step": 1, "tot')
     log = MetricsLog(tmp_path, first_step=1)
     log.write(1, {"total": 0.5})
     log.close()

@@ -6,15 +6,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from iwalker_jax.data.recordings.folder_files import depth_images, read_numbers
 from iwalker_jax.data.recordings.metadata import (
     RecordingMetadata,
     camera_heading,
     camera_tilt,
-    read_numbers,
+    paired_rows,
     rotation_from_quaternion,
-    sorted_images,
 )
-from iwalker_jax.data.recordings.report import FileProblem
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.perception.depth_png import png_size
@@ -22,6 +21,7 @@ from iwalker_jax.perception.depth_png import png_size
 ODOMETRY = "odom_ground_truth.txt"
 INTRINSICS = "depth_intrinsic.txt"
 EXTRINSICS = "camera_extrinsic.txt"
+_MAX_OFFSET = 5.0  # [m] of a camera from its body
 
 
 def read_iplanner_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None) -> RecordingMetadata:
@@ -39,24 +39,21 @@ def read_iplanner_layout(folder: Path, intrinsics: Intrinsics | None, depth_scal
     Raises:
         InputError: if a file is missing or malformed.
     """
-    present = sorted_images(folder / "depth")
-    if not present:
+    images, assumptions = depth_images(folder / "depth")
+    if not images:
         raise InputError("The subfolder depth holds no PNG images.")
-    rows = read_numbers(folder / ODOMETRY, (7,), "x, y, z, qx, qy, qz, qw")
-    images, odometry = _paired(folder, present, np.array(rows).reshape(-1, 7))
-    assumptions = []
+    rows = read_numbers(folder, ODOMETRY, (7,), "poses x, y, z, qx, qy, qz, qw")
+    if not rows:
+        raise InputError(f"{ODOMETRY} has no poses; write x, y, z, qx, qy, qz, qw of each image.")
     if depth_scale is None:
         depth_scale = 0.001
         assumptions.append("iPlanner's layout names no depth scale: one unit is taken as 1 mm.")
     if intrinsics is None:
-        intrinsics = _intrinsics(folder, present)
+        intrinsics = _intrinsics(folder, images)
     metadata = RecordingMetadata("iplanner", folder, images, intrinsics, depth_scale, assumptions=assumptions)
-    if len(present) != len(rows):
-        metadata.problems.append(
-            FileProblem(ODOMETRY, f"has {len(rows)} poses for {len(present)} images; they are paired by number.")
-        )
+    odometry = paired_rows(metadata, {"poses": (ODOMETRY, np.array(rows))})["poses"]
     p_body_camera, R_body_camera = _extrinsics(folder)
-    poses, mounts = np.full((len(images), 3), np.nan), np.full((len(images), 5), np.nan)
+    poses, mounts = np.full((len(odometry), 3), np.nan), np.full((len(odometry), 5), np.nan)
     for row, values in enumerate(odometry):
         R_world_body = rotation_from_quaternion(values[3:])
         R_world_camera = R_world_body @ R_body_camera
@@ -84,10 +81,11 @@ def read_iplanner_layout(folder: Path, intrinsics: Intrinsics | None, depth_scal
 
 
 def _intrinsics(folder: Path, images: list[Path]) -> Intrinsics:
-    rows = read_numbers(folder / INTRINSICS, (12, 16), "3 x 4 projection matrix")
-    if not rows:
-        raise InputError(f"{INTRINSICS} is empty.")
-    matrix = np.array(rows[0]).reshape(-1, 4)
+    matrix = np.array(_single_row(folder, INTRINSICS, (12, 16), "3 x 4 projection matrix")).reshape(-1, 4)
+    if not np.array_equal(matrix[2:], np.eye(4)[2 : len(matrix)]) or not np.isfinite(matrix).all():
+        raise InputError(
+            f"{INTRINSICS} is not a row-major projection matrix: fx 0 cx 0, 0 fy cy 0, 0 0 1 0 in one line."
+        )
     for path in images:
         try:
             width, height = png_size(path)
@@ -97,35 +95,23 @@ def _intrinsics(folder: Path, images: list[Path]) -> Intrinsics:
     raise InputError("No file in the subfolder depth is a PNG image.")
 
 
-def _paired(
-    folder: Path, present: list[Path], rows: Float[np.ndarray, "m 7"]
-) -> tuple[list[Path], Float[np.ndarray, "n 7"]]:
-    """(images, odometry rows), one to one.
-
-    Equal counts are paired in order. Otherwise image n belongs to row n: a row without an image names the missing file,
-    and an image without a row gets NaN.
-    """
-    if len(present) == len(rows):
-        return present, rows
-    try:
-        by_number = {int(path.stem): path for path in present}
-    except ValueError:
-        raise InputError(
-            f"{ODOMETRY} has {len(rows)} poses for {len(present)} images whose names are not numbers, so they cannot "
-            "be paired; name the images 0.png, 1.png, ..."
-        ) from None
-    numbers = sorted(set(range(len(rows))) | set(by_number))
-    poses = [rows[n] if n < len(rows) else np.full(7, np.nan) for n in numbers]
-    return [by_number.get(n, folder / "depth" / f"{n}.png") for n in numbers], np.array(poses)
+def _single_row(folder: Path, name: str, columns: tuple[int, ...], what: str) -> list[float]:
+    rows = read_numbers(folder, name, columns, what)
+    if len(rows) != 1:
+        raise InputError(f"{name} has {len(rows)} rows of numbers; write one, the {what}.")
+    return rows[0]
 
 
 def _extrinsics(folder: Path) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, "3 3"]]:
     """(position [m], rotation) of the optical frame in the body."""
-    rows = read_numbers(folder / EXTRINSICS, (7,), "camera pose in the body")
-    if not rows:
-        raise InputError(f"{EXTRINSICS} is empty.")
-    values = np.array(rows[0])
-    for quaternion, position in ((values[3:], values[:3]), (values[:4], values[4:])):
-        if abs(np.linalg.norm(quaternion) - 1.0) < 0.01:
-            return position, rotation_from_quaternion(quaternion)
-    raise InputError(f"{EXTRINSICS} holds no unit quaternion; it must be [x, y, z, qx, qy, qz, qw].")
+    values = np.array(_single_row(folder, EXTRINSICS, (7,), "camera pose in the body"))
+    orders = ((values[3:], values[:3]), (values[:4], values[4:]))
+    found = [(quaternion, p) for quaternion, p in orders if abs(np.linalg.norm(quaternion) - 1.0) < 0.01]
+    if not found:
+        raise InputError(f"{EXTRINSICS} holds no unit quaternion; it must be [x, y, z, qx, qy, qz, qw].")
+    if len(found) > 1:
+        raise InputError(f"{EXTRINSICS} can be read in two orders; move the position a little and write it first.")
+    (quaternion, p_body_camera) = found[0]
+    if not np.abs(p_body_camera).max() < _MAX_OFFSET:
+        raise InputError(f"{EXTRINSICS} puts the camera {np.abs(p_body_camera).max():g} m from the body; give metres.")
+    return p_body_camera, rotation_from_quaternion(quaternion)

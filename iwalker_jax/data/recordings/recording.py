@@ -1,34 +1,37 @@
 """Recordings of real depth, validated and re-projected to the camera that networks see through."""
 
 import functools
-import math
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Float32
+from jaxtyping import Array, Bool, Float, Float32
 
-from iwalker_jax.data.recordings import iplanner_layout, yaml_layout
-from iwalker_jax.data.recordings.iplanner_layout import read_iplanner_layout
+from iwalker_jax.data.recordings import iplanner_layout, tum_layout, yaml_layout
+from iwalker_jax.data.recordings.folder_files import depth_images, is_there
+from iwalker_jax.data.recordings.free_ground import goal_places, reachable_ground
 from iwalker_jax.data.recordings.metadata import RecordingMetadata, check_intrinsics
+from iwalker_jax.data.recordings.mount_checks import Reading, check_mount, fit_mount, mounts_of, turned
+from iwalker_jax.data.recordings.pose_checks import MAX_STEP, check_end, check_goals, check_poses, doubts_about_walking
 from iwalker_jax.data.recordings.report import FileProblem, RecordingReport
-from iwalker_jax.data.recordings.tum_layout import read_tum_layout
-from iwalker_jax.data.recordings.yaml_layout import read_yaml_layout
 from iwalker_jax.errors import InputError
-from iwalker_jax.perception import (
-    CameraMount,
-    FloorFit,
-    Intrinsics,
-    clean_depth,
-    depth_from_uint16,
-    fit_floor,
-    resize_depth,
-)
-from iwalker_jax.perception.depth_png import read_depth_png
+from iwalker_jax.perception import Intrinsics, depth_from_uint16, resize_depth
+from iwalker_jax.perception.depth_png import read_depth_png, read_png_units
+from iwalker_jax.runtime import printable
 
-_MAX_MOUNT_DEVIATION = (0.15, math.radians(10.0), math.radians(10.0))  # of one frame's fit from the median
+NO_FREE_GROUND = "shows no free ground ahead."
+"""Problem of a frame that no goal can be given to."""
+
+_SEEN_MOVE = 0.1  # [m] of the base, which every image shows
+
+_READERS = {
+    "yaml": yaml_layout.read_yaml_layout,
+    "tum": tum_layout.read_tum_layout,
+    "iplanner": iplanner_layout.read_iplanner_layout,
+}
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,7 @@ class Recording:
         mounts: (N, 5) camera mounts as in `CameraMount`.
         poses: (N, 3) [x m, y m, yaw rad] of the base in the world; None if the recording has none.
         goals: (N, 2) [m] in each frame's base frame; None if the recording has none.
+        reachable: (N, rows, columns) where each frame shows ground that the robot can reach (`reachable_ground`).
         camera: that `depth_frames` re-projects to.
     """
 
@@ -49,6 +53,7 @@ class Recording:
     mounts: Float32[np.ndarray, "n 5"]
     poses: Float32[np.ndarray, "n 3"] | None
     goals: Float32[np.ndarray, "n 2"] | None
+    reachable: Bool[np.ndarray, "n rows columns"]
     camera: Intrinsics
 
     def __len__(self) -> int:
@@ -91,7 +96,10 @@ def load_recording(
     """
     report, recording = _examine(Path(folder), intrinsics, depth_scale, camera)
     if recording is None:
-        raise InputError(f"The recording {folder} cannot be used: {report.fatal}")
+        raise InputError(
+            f"The recording {folder} cannot be used: {report.fatal} More is said by `python -m "
+            "experiments.validate_recording`."
+        )
     return recording
 
 
@@ -105,50 +113,56 @@ def validate_recording(
 def _examine(
     folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None, camera: Intrinsics
 ) -> tuple[RecordingReport, Recording | None]:
-    layout = "unknown"
+    report = RecordingReport(folder, "unknown")
+    metadata = None
     try:
-        layout = _recognise(folder)
-        readers = {"yaml": read_yaml_layout, "tum": read_tum_layout, "iplanner": read_iplanner_layout}
-        metadata = readers[layout](folder, intrinsics, depth_scale)
-        check_intrinsics(metadata.intrinsics)
-        depth_from_uint16(np.zeros((1, 1), np.uint16), metadata.depth_scale)
-        if not metadata.images:
-            raise InputError("It holds no PNG depth images.")
+        report = replace(report, layout=_recognise(folder))
+        metadata = _READERS[report.layout](folder, intrinsics, depth_scale)
+        report = replace(report, found=len(metadata.images))
+        metadata.assumptions += _unread(folder, report.layout)
+        metadata = _checked(metadata)
+        metadata, fits = _readable(metadata, camera)
+        metadata.problems += _doubts(metadata, fits, camera)
+        mounts, assumed = mounts_of(metadata.mounts, fits)
+        metadata.assumptions += assumed
+        metadata, mounts, reachable = _with_free_ground(metadata, mounts.astype(np.float32), camera)
+        if metadata.poses is not None and metadata.goals is None:
+            check_end(metadata.poses)
     except InputError as error:
-        return RecordingReport(folder, layout, fatal=str(error)), None
-    found = len(metadata.images)
-    metadata, fits = _keep_usable(metadata, camera)
-    report = RecordingReport(
-        folder,
-        layout,
-        found,
-        tuple(_name(metadata, path) for path in metadata.images),
-        tuple(metadata.problems),
-        tuple(metadata.assumptions),
+        known = report if metadata is None else _report(report, metadata)
+        return replace(known, fatal=str(error)), None
+    median = tuple(float(value) for value in np.median(mounts, axis=0))
+    usable = tuple(_name(metadata, path) for path in metadata.images)
+    report = replace(_report(report, metadata), usable=usable, mount=median)
+    poses, goals = (None if table is None else table.astype(np.float32) for table in (metadata.poses, metadata.goals))
+    return report, Recording(report, metadata, mounts, poses, goals, reachable, camera)
+
+
+def _report(report: RecordingReport, metadata: RecordingMetadata) -> RecordingReport:
+    """The report with what is known by now; every copy of the metadata adds to the same problems and assumptions."""
+    return replace(
+        report,
+        problems=tuple(metadata.problems),
+        assumptions=tuple(metadata.assumptions),
         intrinsics=metadata.intrinsics,
         depth_scale=metadata.depth_scale,
     )
-    if not metadata.images:
-        first = report.problems[-found]
-        fatal = f"None of its {found} images is usable. The first: {first.file} {first.problem}"
-        return replace(report, fatal=fatal), None
-    mounts, assumption = _mounts(metadata.mounts, fits)
-    median = tuple(float(value) for value in np.median(mounts, axis=0))
-    report = replace(report, assumptions=(*report.assumptions, *assumption), mount=median)
-    poses, goals = (None if table is None else table.astype(np.float32) for table in (metadata.poses, metadata.goals))
-    return report, Recording(report, metadata, mounts.astype(np.float32), poses, goals, camera)
 
 
 def _recognise(folder: Path) -> str:
-    if not folder.is_dir():
+    try:
+        present = folder.is_dir() and any(True for _ in os.scandir(folder))
+    except (OSError, ValueError) as error:
+        raise InputError(f"The folder cannot be listed ({getattr(error, 'strerror', None) or error}).") from None
+    if not present and not folder.is_dir():
         raise InputError("There is no such folder.")
-    if (folder / yaml_layout.FILE_NAME).is_file():
+    if is_there(folder / yaml_layout.FILE_NAME):
         return "yaml"
-    if (folder / iplanner_layout.ODOMETRY).is_file():
+    if is_there(folder / iplanner_layout.ODOMETRY):
         return "iplanner"
-    if (folder / "depth.txt").is_file() or (folder / "groundtruth.txt").is_file():
+    if is_there(folder / tum_layout.LISTING) or is_there(folder / tum_layout.GROUND_TRUTH):
         return "tum"
-    if any(folder.glob("*.png")) or any(folder.glob("depth/*.png")):
+    if depth_images(folder)[0] or ((folder / "depth").is_dir() and depth_images(folder / "depth")[0]):
         return "yaml"
     raise InputError(
         "It is in none of the known layouts: recording.yaml with PNG images, TUM RGB-D (depth.txt), or iPlanner "
@@ -156,31 +170,121 @@ def _recognise(folder: Path) -> str:
     )
 
 
-def _keep_usable(metadata: RecordingMetadata, camera: Intrinsics) -> tuple[RecordingMetadata, Float[np.ndarray, "n 4"]]:
-    """The metadata with only its usable frames, and their floor fits [height, pitch, roll, valid]."""
-    kept, fits, problems = [], [], list(metadata.problems)
+def _unread(folder: Path, layout: str) -> list[str]:
+    """Says which files of other layouts lie there as well."""
+    files = {"yaml": yaml_layout.FILE_NAME, "iplanner": iplanner_layout.ODOMETRY, "tum": tum_layout.GROUND_TRUTH}
+    others = [name for other, name in files.items() if other != layout and is_there(folder / name)]
+    return [f"The folder is read in the layout {layout}; {', '.join(others)} in it is not read."] if others else []
+
+
+def _checked(metadata: RecordingMetadata) -> RecordingMetadata:
+    """The metadata without poses that nothing is known of; InputError for what cannot be."""
+    check_intrinsics(metadata.intrinsics)
+    depth_from_uint16(np.zeros((1, 1), np.uint16), metadata.depth_scale)
+    if not metadata.images:
+        raise InputError("It holds no PNG depth images.")
     if metadata.poses is not None and not np.isfinite(metadata.poses).all(axis=1).any():
-        problems.append(FileProblem("poses", "are not finite or not close in time for any image; they are left out."))
-        metadata = replace(metadata, poses=None, mounts=None if metadata.layout == "iplanner" else metadata.mounts)
+        metadata.problems.append(
+            FileProblem("poses", "are not finite or not close in time for any image; they are left out.")
+        )
+        mounts = None if metadata.layout == "iplanner" else metadata.mounts
+        metadata = replace(metadata, poses=None, mounts=mounts, tilts=None)
+    if metadata.goals is not None:
+        check_goals(metadata.goals, metadata.poses)
+    return metadata
+
+
+def _readable(metadata: RecordingMetadata, camera: Intrinsics) -> tuple[RecordingMetadata, Float[np.ndarray, "n 4"]]:
+    """The metadata of frames that can be read, with a pose where there are poses, and their floor fits."""
+    kept: list[int] = []
+    fits = []
+    last = np.zeros(0)
+    strays = None if metadata.poses is None else check_poses(metadata.poses)
+    if metadata.poses is not None:
+        metadata.problems += [FileProblem("poses", doubt) for doubt in doubts_about_walking(metadata.poses)]
+    first = ""
     for row, path in enumerate(metadata.images):
         try:
             frame = _reprojected_frame(metadata, path, camera)
             _check_row(metadata, row)
+            if strays is not None and strays[row]:
+                raise InputError(f"has a pose more than {MAX_STEP:g} m from those before and after it.")
         except InputError as error:
-            problems.append(FileProblem(_name(metadata, path), str(error)))
+            metadata.problems.append(FileProblem(_name(metadata, path), str(error)))
+            first = first or f"{_name(metadata, path)} {error}"
             continue
+        image = np.asarray(frame)
+        if kept and np.array_equal(image, last) and _moves(metadata, kept[-1], row):
+            problem = (
+                f"shows exactly what {_name(metadata, metadata.images[kept[-1]])} shows, though the base has moved."
+            )
+            metadata.problems.append(FileProblem(_name(metadata, path), problem))
+            continue
+        last = image
         kept.append(row)
-        fit = _fit(frame, camera)
-        fits.append([float(fit.height), float(fit.pitch), float(fit.roll), float(fit.valid)])
-    usable = replace(
+        fits.append(fit_mount(frame, camera))
+    if not kept:
+        raise InputError(f"None of its {len(metadata.images)} images is usable. The first: {first}")
+    return _selected(metadata, kept), np.array(fits)
+
+
+def _moves(metadata: RecordingMetadata, row: int, other: int) -> bool:
+    """Whether the base moves between two images so far that they must differ."""
+    if metadata.poses is None:
+        return False
+    return float(np.linalg.norm(metadata.poses[other, :2] - metadata.poses[row, :2])) > _SEEN_MOVE
+
+
+def _selected(metadata: RecordingMetadata, rows: list[int]) -> RecordingMetadata:
+    """The metadata of some of its frames."""
+    return replace(
         metadata,
-        images=[metadata.images[row] for row in kept],
-        poses=None if metadata.poses is None else metadata.poses[kept],
-        mounts=None if metadata.mounts is None else metadata.mounts[kept],
-        goals=None if metadata.goals is None else metadata.goals[kept],
-        problems=problems,
+        images=[metadata.images[row] for row in rows],
+        poses=None if metadata.poses is None else metadata.poses[rows],
+        mounts=None if metadata.mounts is None else metadata.mounts[rows],
+        goals=None if metadata.goals is None else metadata.goals[rows],
+        tilts=None if metadata.tilts is None else metadata.tilts[rows],
     )
-    return usable, np.array(fits).reshape(-1, 4)
+
+
+def _doubts(metadata: RecordingMetadata, fits: Float[np.ndarray, "n 4"], camera: Intrinsics) -> list[FileProblem]:
+    """What the floor says about units, intrinsics and the written mount; InputError if it contradicts them."""
+    K = metadata.intrinsics
+    written, where = None, ""
+    if metadata.mounts is not None:
+        where = iplanner_layout.EXTRINSICS if metadata.layout == "iplanner" else yaml_layout.FILE_NAME
+        written = metadata.mounts[:, :3]
+    elif metadata.tilts is not None:
+        written, where = np.insert(metadata.tilts, 0, np.nan, axis=1), tum_layout.GROUND_TRUTH
+    return check_mount(
+        written,
+        where,
+        fits,
+        lambda row: read_png_units(metadata.images[row], (K.width, K.height)),
+        Reading(K, metadata.depth_scale, 2 if metadata.upside_down else 0),
+        camera,
+    )
+
+
+def _with_free_ground(
+    metadata: RecordingMetadata, mounts: Float32[np.ndarray, "n 5"], camera: Intrinsics
+) -> tuple[RecordingMetadata, Float32[np.ndarray, "k 5"], Bool[np.ndarray, "k rows columns"]]:
+    """Only the frames that show a place for a goal, with their mounts and reachable cells."""
+    kept, reachable = [], []
+    for row, path in enumerate(metadata.images):
+        frame = _reprojected_frame(metadata, path, camera)
+        cells = np.asarray(reachable_ground(frame, mounts[row], camera))
+        if len(goal_places(cells)):
+            kept.append(row)
+            reachable.append(cells)
+        else:
+            metadata.problems.append(FileProblem(_name(metadata, path), NO_FREE_GROUND))
+    if not kept:
+        raise InputError(
+            f"No frame of its {len(metadata.images)} shows free ground ahead; check the camera's mount and intrinsics, "
+            "and that the camera sees the floor."
+        )
+    return _selected(metadata, kept), mounts[kept], np.stack(reachable)
 
 
 def _check_row(metadata: RecordingMetadata, row: int) -> None:
@@ -191,14 +295,11 @@ def _check_row(metadata: RecordingMetadata, row: int) -> None:
 
 
 def _reprojected_frame(metadata: RecordingMetadata, path: Path, camera: Intrinsics) -> Float[Array, "height width"]:
-    intrinsics = metadata.intrinsics
-    depth = read_depth_png(path, metadata.depth_scale, (intrinsics.width, intrinsics.height))
-    if metadata.upside_down:
-        depth = depth[::-1, ::-1]
-        intrinsics = replace(
-            intrinsics, cx=intrinsics.width - 1 - intrinsics.cx, cy=intrinsics.height - 1 - intrinsics.cy
-        )
-    return _resize(jnp.asarray(depth), intrinsics, camera)
+    K = metadata.intrinsics
+    depth, K = turned(
+        read_depth_png(path, metadata.depth_scale, (K.width, K.height)), K, 2 if metadata.upside_down else 0
+    )
+    return _resize(jnp.asarray(depth), K, camera)
 
 
 @functools.partial(jax.jit, static_argnums=(1, 2))
@@ -208,35 +309,5 @@ def _resize(
     return resize_depth(depth, intrinsics, camera)
 
 
-@functools.partial(jax.jit, static_argnums=1)
-def _fit(frame: Float[Array, "height width"], camera: Intrinsics) -> FloorFit:
-    return fit_floor(clean_depth(frame), camera)
-
-
-def _mounts(
-    recorded: Float[np.ndarray, "n 5"] | None, fits: Float[np.ndarray, "n 4"]
-) -> tuple[Float[np.ndarray, "n 5"], tuple[str, ...]]:
-    """(mounts, assumptions): recorded ones, their height fitted where it is NaN; all fitted where none are recorded."""
-    if recorded is not None and np.isfinite(recorded).all():
-        return recorded, ()
-    valid = fits[:, 3] > 0
-    default = np.array([CameraMount.height, CameraMount.pitch, CameraMount.roll])
-    median = np.median(fits[valid, :3], axis=0) if valid.any() else default
-    share = f"the floor was found in {int(valid.sum())} of {len(fits)} frames"
-    origin = f"fitted ({share})" if valid.any() else f"taken from the default mount ({share})"
-    if recorded is not None:
-        mounts = np.where(np.isfinite(recorded), recorded, 0.0)
-        mounts[:, 0] = median[0]
-        return mounts, (f"The camera's height, {median[0]:.2f} m, is {origin}.",)
-    near = valid & (np.abs(fits[:, :3] - median) <= _MAX_MOUNT_DEVIATION).all(axis=1)
-    tilt = np.where(near[:, None], fits[:, :3], median)
-    mounts = np.concatenate([tilt, np.zeros((len(fits), 2))], axis=1)
-    degrees = np.degrees(median[1:])
-    return mounts, (
-        f"The camera's mount is {origin}: median height {median[0]:.2f} m, pitch {degrees[0]:.1f} degrees down, roll "
-        f"{degrees[1]:.1f} degrees; it is taken to sit above the base's origin.",
-    )
-
-
 def _name(metadata: RecordingMetadata, path: Path) -> str:
-    return str(path.relative_to(metadata.folder)) if path.is_relative_to(metadata.folder) else str(path)
+    return printable(path.relative_to(metadata.folder) if path.is_relative_to(metadata.folder) else path, 200)

@@ -1,20 +1,32 @@
 """Layout `tum`: the TUM RGB-D benchmark's folder with depth.txt and groundtruth.txt, 5000 units a metre."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from iwalker_jax.data.recordings.folder_files import (
+    MAX_IMAGES,
+    depth_images,
+    inside,
+    is_there,
+    read_folder_text,
+    read_numbers,
+)
 from iwalker_jax.data.recordings.metadata import (
     RecordingMetadata,
     camera_heading,
-    read_numbers,
+    camera_tilt,
     rotation_from_quaternion,
-    sorted_images,
 )
 from iwalker_jax.data.recordings.report import FileProblem
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import Intrinsics
+from iwalker_jax.runtime import printable
+
+LISTING = "depth.txt"
+GROUND_TRUTH = "groundtruth.txt"
 
 DEPTH_SCALE = 1.0 / 5000.0
 """[m] per unit of the benchmark's depth images."""
@@ -47,51 +59,66 @@ def read_tum_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: fl
     if depth_scale is None:
         depth_scale = DEPTH_SCALE
         assumptions.append("The TUM layout names no depth scale: 5000 units are taken as 1 m.")
-    stamps, images = _listed_images(folder)
+    present, about_names = depth_images(folder / "depth")
+    if is_there(folder / LISTING):
+        stamps, images = _listed_images(folder)
+    else:
+        stamps, images = _stamps_of_names(present), present
+        assumptions += about_names
     metadata = RecordingMetadata("tum", folder, images, intrinsics, depth_scale, assumptions=assumptions)
-    present = len(list((folder / "depth").glob("*.png")))
-    if present != len(images):
+    if len(present) != len(images):
         metadata.problems.append(
-            FileProblem("depth.txt", f"lists {len(images)} images but the folder holds {present}.")
+            FileProblem(LISTING, f"lists {len(images)} images but the folder holds {len(present)}.")
         )
-    if (folder / "groundtruth.txt").is_file():
-        metadata.poses = _poses(metadata, stamps)
+    if is_there(folder / GROUND_TRUTH):
+        metadata.poses, metadata.tilts = _poses(folder, stamps)
         assumptions.append("The base is taken to stand below the camera and to face along its optical axis.")
     return metadata
 
 
 def _listed_images(folder: Path) -> tuple[Float[np.ndarray, " n"], list[Path]]:
-    """(stamps [s], image paths) of depth.txt, or of the images' own names."""
-    listing = folder / "depth.txt"
-    stamps, images = [], []
-    if listing.is_file():
-        for number, line in enumerate(listing.read_text(errors="replace").splitlines(), start=1):
-            words = line.split("#")[0].split()
-            if not words:
-                continue
-            try:
-                stamp, file = words
-                stamps.append(float(stamp))
-            except ValueError:
-                raise InputError(f"depth.txt, line {number}: {line[:60]!r} is not `stamp file`.") from None
-            images.append(folder / file)
-        return np.array(stamps), images
-    images = sorted_images(folder / "depth")
-    try:
-        return np.array([float(path.stem) for path in images]), images
-    except ValueError:
-        raise InputError("depth.txt is missing and the images' names are not time stamps; add depth.txt.") from None
+    """(stamps [s], image paths) of depth.txt."""
+    stamps: list[float] = []
+    images: list[Path] = []
+    for number, line in enumerate(read_folder_text(folder, LISTING).splitlines(), start=1):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        try:
+            stamp, file = words
+            stamps.append(float(stamp))
+        except ValueError:
+            raise InputError(f"{LISTING}, line {number}: {printable(repr(line[:60]))} is not `stamp file`.") from None
+        images.append(inside(folder, file, f"{LISTING}, line {number}: the file"))
+        if len(images) > MAX_IMAGES:
+            raise InputError(f"{LISTING} lists more than {MAX_IMAGES} images; split the recording.")
+    if not np.isfinite(stamps).all():
+        raise InputError(f"{LISTING} has a time stamp that is not finite; write seconds.")
+    if len(set(images)) < len(images) or len(set(stamps)) < len(stamps):
+        raise InputError(f"{LISTING} lists an image or a time stamp twice; list each once.")
+    return np.array(stamps), images
 
 
-def _poses(metadata: RecordingMetadata, stamps: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """Planar poses; NaN for images without a pose close in time."""
-    table = np.array(read_numbers(metadata.folder / "groundtruth.txt", (8,), "time stamps and poses")).reshape(-1, 8)
-    poses = np.full((len(stamps), 3), np.nan)
+def _stamps_of_names(images: list[Path]) -> Float[np.ndarray, " n"]:
+    if not all(re.fullmatch(r"\d{1,20}(\.\d+)?", path.stem) for path in images):
+        raise InputError(f"{LISTING} is missing and the images' names are not time stamps; add {LISTING}.")
+    return np.array([float(path.stem) for path in images])
+
+
+def _poses(folder: Path, stamps: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 2"]]:
+    """Planar poses and the camera's tilts; NaN for images without a pose close in time."""
+    table = np.array(read_numbers(folder, GROUND_TRUTH, (8,), "time stamps and poses")).reshape(-1, 8)
+    table = table[np.isfinite(table[:, 0])]
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    poses, tilts = np.full((len(stamps), 3), np.nan), np.full((len(stamps), 2), np.nan)
     if len(table) == 0:
-        return poses
-    nearest = np.array([int(np.argmin(np.abs(table[:, 0] - stamp))) for stamp in stamps], int)
+        return poses, tilts
+    after = np.clip(np.searchsorted(table[:, 0], stamps), 0, len(table) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(table[before, 0] - stamps) <= np.abs(table[after, 0] - stamps), before, after)
     for row, index in enumerate(nearest):
         if abs(table[index, 0] - stamps[row]) <= MAX_TIME_GAP:
             R_world_camera = rotation_from_quaternion(table[index, 4:])
             poses[row] = [table[index, 1], table[index, 2], camera_heading(R_world_camera)]
-    return poses
+            tilts[row] = camera_tilt(R_world_camera)
+    return poses, tilts

@@ -5,18 +5,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from jaxtyping import Float
 
-from iwalker_jax.data.recordings.metadata import RecordingMetadata, read_numbers, sorted_images
-from iwalker_jax.data.recordings.report import FileProblem
+from iwalker_jax.data.recordings.folder_files import (
+    depth_images,
+    inside,
+    is_there,
+    read_folder_text,
+    read_numbers,
+)
+from iwalker_jax.data.recordings.metadata import RecordingMetadata, paired_rows
+from iwalker_jax.data.recordings.plain_yaml import MAX_BYTES, parse_plain_yaml
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import CameraMount, Intrinsics
+from iwalker_jax.runtime import printable
 
 FILE_NAME = "recording.yaml"
 _KEYS = {"intrinsics", "depth_scale", "mount", "poses", "goals", "depth"}
 _INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 _MOUNT = ("height", "pitch_deg", "roll_deg", "forward", "left")
+_MAX_OFFSET = 3.0  # [m] of the camera from the base's origin
 
 
 def read_yaml_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None) -> RecordingMetadata:
@@ -25,7 +33,8 @@ def read_yaml_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: f
     Keys of the file: `intrinsics` {width, height, fx, fy, cx, cy} [px]; `depth_scale` [m per unit, 0.001 if absent];
     optional `mount` {height, forward, left [m], pitch_deg (down +), roll_deg (right side down +)}; optional `poses`,
     rows [x m, y m, yaw rad] of the base in the world, inline or the name of a text file; optional `goals`, rows [x, y]
-    [m] in each frame's base frame, likewise; optional `depth`, the images' subfolder.
+    [m] in each frame's base frame, likewise; optional `depth`, the images' subfolder. Files and subfolder lie in the
+    folder.
 
     Args:
         folder: of the recording.
@@ -34,7 +43,7 @@ def read_yaml_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: f
     Raises:
         InputError: if the file is malformed or says too little.
     """
-    content = _read_yaml(folder / FILE_NAME)
+    content = _read_yaml(folder)
     assumptions: list[str] = []
     if intrinsics is None:
         intrinsics = _intrinsics(content)
@@ -46,27 +55,39 @@ def read_yaml_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: f
         else:
             depth_scale = 0.001
             assumptions.append("No depth scale is given: one unit is taken as 1 mm.")
-    images = sorted_images(_image_folder(folder, content))
+    elif "depth_scale" in content:
+        assumptions.append(f"The depth scale given by the caller is used instead of the one in {FILE_NAME}.")
+    images, about_names = depth_images(_image_folder(folder, content))
+    assumptions += about_names
     metadata = RecordingMetadata("yaml", folder, images, intrinsics, depth_scale, assumptions=assumptions)
-    if "mount" in content:
-        metadata.mounts = np.tile(_mount(content["mount"]), (len(images), 1))
-    metadata.poses = _rows(metadata, content, "poses", 3, "x y yaw of each frame")
-    metadata.goals = _rows(metadata, content, "goals", 2, "x y of each frame's goal")
+    mount = _mount(content["mount"]) if "mount" in content else None
+    tables = {
+        key: _rows(folder, content, key, width, what)
+        for key, width, what in (("poses", 3, "x y yaw of each frame"), ("goals", 2, "x y of each frame's goal"))
+        if key in content
+    }
+    paired = paired_rows(metadata, tables)
+    metadata.poses, metadata.goals = paired.get("poses"), paired.get("goals")
+    if mount is not None:
+        metadata.mounts = np.tile(mount, (len(metadata.images), 1))
     return metadata
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
-    if not path.is_file():
+def _read_yaml(folder: Path) -> dict[str, Any]:
+    if not is_there(folder / FILE_NAME):
         return {}
+    text = read_folder_text(folder, FILE_NAME, MAX_BYTES)
     try:
-        content = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{FILE_NAME} is not valid YAML: {' '.join(str(error).split())[:200]}.") from None
+        content = parse_plain_yaml(text)
+    except InputError as error:
+        raise InputError(f"{FILE_NAME} {error}") from None
     if not isinstance(content, dict):
         raise InputError(f"{FILE_NAME} must hold keys such as intrinsics and depth_scale.")
     unknown = sorted(str(key) for key in set(content) - _KEYS)
     if unknown:
-        raise InputError(f"{FILE_NAME} has unknown keys {', '.join(unknown)}; known are {', '.join(sorted(_KEYS))}.")
+        raise InputError(
+            f"{FILE_NAME} has unknown keys {printable(', '.join(unknown))}; known are {', '.join(sorted(_KEYS))}."
+        )
     return content
 
 
@@ -77,25 +98,28 @@ def _intrinsics(content: dict[str, Any]) -> Intrinsics:
             "or give them as arguments."
         )
     values = _fields(content["intrinsics"], "intrinsics", _INTRINSICS, required=_INTRINSICS)
-    return Intrinsics(int(values.pop("width")), int(values.pop("height")), **values)
+    width, height = values.pop("width"), values.pop("height")
+    if not (width.is_integer() and height.is_integer()):
+        raise InputError(f"{FILE_NAME}: width and height must be whole pixels, got {width:g} x {height:g}.")
+    return Intrinsics(int(width), int(height), **values)
 
 
 def _mount(entry: Any) -> Float[np.ndarray, " 5"]:
     """Camera mount array; what is not given is as in `CameraMount`, roll and left 0."""
     values = _fields(entry, "mount", _MOUNT, required=("height", "pitch_deg"))
-    if not 0.05 < values["height"] < 5.0 or abs(values["pitch_deg"]) > 85.0 or abs(values.get("roll_deg", 0.0)) > 60.0:
+    offsets = [values.get("forward", CameraMount.forward), values.get("left", 0.0)]
+    if (
+        not 0.05 < values["height"] < 5.0
+        or abs(values["pitch_deg"]) > 85.0
+        or abs(values.get("roll_deg", 0.0)) > 60.0
+        or max(abs(offset) for offset in offsets) > _MAX_OFFSET
+    ):
         raise InputError(
-            f"The mount {values} in {FILE_NAME} cannot be; height is in metres above the floor, angles are in degrees."
+            f"The mount {values} in {FILE_NAME} cannot be; height, forward and left are in metres (the height above "
+            "the floor), angles are in degrees."
         )
-    return np.array(
-        [
-            values["height"],
-            math.radians(values["pitch_deg"]),
-            math.radians(values.get("roll_deg", 0.0)),
-            values.get("forward", CameraMount.forward),
-            values.get("left", 0.0),
-        ]
-    )
+    angles = np.radians([values["pitch_deg"], values.get("roll_deg", 0.0)])
+    return np.array([values["height"], *angles, *offsets])
 
 
 def _fields(entry: Any, name: str, known: tuple[str, ...], required: tuple[str, ...]) -> dict[str, float]:
@@ -106,38 +130,39 @@ def _fields(entry: Any, name: str, known: tuple[str, ...], required: tuple[str, 
 
 def _number(value: Any, name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{FILE_NAME}: {name} must be a finite number, got {value!r}.")
+        raise InputError(f"{FILE_NAME}: {name} must be a finite number, got {printable(repr(value))}.")
     return float(value)
 
 
 def _image_folder(folder: Path, content: dict[str, Any]) -> Path:
     if "depth" in content:
-        return folder / str(content["depth"])
+        return inside(folder, content["depth"], f"{FILE_NAME}: depth")
     return folder / "depth" if (folder / "depth").is_dir() else folder
 
 
 def _rows(
-    metadata: RecordingMetadata, content: dict[str, Any], key: str, width: int, what: str
-) -> Float[np.ndarray, "n width"] | None:
-    """Rows of `poses` or `goals`; NaN where the file has fewer rows than images."""
-    if content.get(key) is None:
-        return None
+    folder: Path, content: dict[str, Any], key: str, width: int, what: str
+) -> tuple[str, Float[np.ndarray, "m width"]]:
+    """(file, rows) of `poses` or `goals`."""
     entry = content[key]
     if isinstance(entry, str):
-        rows, file = read_numbers(metadata.folder / entry, (width,), what), entry
+        inside(folder, entry, f"{FILE_NAME}: {key}")
+        file, rows = entry, read_numbers(folder, entry, (width,), what)
     else:
-        file = FILE_NAME
-        try:
-            rows = np.asarray(entry, float).reshape(-1, width).tolist()
-        except (TypeError, ValueError):
+        file, rows = FILE_NAME, _inline_rows(entry, key, width)
+    if not rows:
+        raise InputError(f"{printable(file)} has no {key}; write {what}, or leave {key} out of {FILE_NAME}.")
+    return file, np.array(rows, float)
+
+
+def _inline_rows(entry: Any, key: str, width: int) -> list[list[float]]:
+    if not isinstance(entry, list):
+        raise InputError(f"{FILE_NAME}: {key} must be rows of {width} numbers or the name of a text file.")
+    for number, row in enumerate(entry):
+        plain = isinstance(row, list) and all(isinstance(x, int | float) and not isinstance(x, bool) for x in row)
+        if not plain or len(row) != width:
             raise InputError(
-                f"{FILE_NAME}: {key} must be rows of {width} numbers or the name of a text file."
-            ) from None
-    count = len(metadata.images)
-    if len(rows) != count:
-        metadata.problems.append(
-            FileProblem(file, f"has {len(rows)} {key} for {count} images; they must match one to one.")
-        )
-    table = np.full((count, width), np.nan)
-    table[: len(rows)] = rows[:count]
-    return table
+                f"{FILE_NAME}: {key} must be rows of {width} numbers or the name of a text file, but row {number} is "
+                f"{printable(repr(row))}."
+            )
+    return entry

@@ -20,6 +20,7 @@ from iwalker_jax.evaluation.episodes.schedule import (
     EpisodeBatch,
     ScheduledEpisode,
     StudySettings,
+    named_sets,
     policy_and_networks,
 )
 from iwalker_jax.evaluation.episodes.study import EpisodeRunner, MakeRunner, Study, StudyProgress, run_episode_study
@@ -56,6 +57,7 @@ __all__ = [
     "load_episodes",
     "load_logs",
     "load_traces",
+    "named_sets",
     "original_surface",
     "policy_and_networks",
     "row_of",

@@ -1,7 +1,6 @@
 """A file of finished episodes that grows line by line, so that a study can be stopped and gone on with."""
 
 import csv
-import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import NamedTuple
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.metrics import EpisodeMetrics
 from iwalker_jax.navigation import Outcome
+from iwalker_jax.runtime.files import line_checksum, read_csv_lines
 
 
 class EpisodeKey(NamedTuple):
@@ -32,7 +32,8 @@ class EpisodeKey(NamedTuple):
 
 
 _FIGURES = tuple(name for name in EpisodeMetrics._fields if name != "outcome")
-_HEADER = (*EpisodeKey._fields, "task", "outcome", *_FIGURES)
+_COLUMNS = (*EpisodeKey._fields, "task", "outcome", *_FIGURES)
+_HEADER = (*_COLUMNS, "checksum")
 
 
 def append_episodes(file: Path, rows: Sequence[tuple[EpisodeKey, str, EpisodeMetrics]]) -> None:
@@ -51,7 +52,8 @@ def append_episodes(file: Path, rows: Sequence[tuple[EpisodeKey, str, EpisodeMet
                 writer.writerow(_HEADER)
             for key, task, metrics in rows:
                 figures = (getattr(metrics, name) for name in _FIGURES)
-                writer.writerow([*key, task, metrics.outcome.name.lower(), *figures])
+                cells = [str(cell) for cell in (*key, task, metrics.outcome.name.lower(), *figures)]
+                writer.writerow([*cells, line_checksum(cells)])
             stream.flush()
             os.fsync(stream.fileno())
     except OSError as error:
@@ -74,7 +76,9 @@ def load_logs(folder: Path) -> dict[EpisodeKey, EpisodeMetrics]:
 
 
 def load_episodes(file: Path) -> dict[EpisodeKey, EpisodeMetrics]:
-    """The episodes of such a file; none if there is no file. A last line cut short by a crash is passed over.
+    """The episodes of such a file; none if there is no file.
+
+    A last line cut short by a crash and damaged or edited lines are passed over: a study runs their episodes again.
 
     Raises:
         InputError: a file with other columns.
@@ -82,7 +86,7 @@ def load_episodes(file: Path) -> dict[EpisodeKey, EpisodeMetrics]:
     if not file.exists():
         return {}
     # A number that is cut short is still a number: only the line's end tells that the line is whole.
-    lines = list(csv.reader(io.StringIO(_whole_lines(file).decode(), newline="")))
+    lines = read_csv_lines(_whole_lines(file))
     if not lines:
         return {}
     if tuple(lines[0]) != _HEADER:
@@ -90,7 +94,10 @@ def load_episodes(file: Path) -> dict[EpisodeKey, EpisodeMetrics]:
     episodes = {}
     for line in lines[1:]:
         try:
-            row = dict(zip(_HEADER, line, strict=True))
+            *cells, checksum = line
+            row = dict(zip(_COLUMNS, cells, strict=True))
+            if checksum != line_checksum(cells):
+                continue
             given = (row["planner"], row["depth"], row["state"], int(row["seed"]), int(row["width"]))
             key = EpisodeKey(*given, row["policy"], row["episode_set"], int(row["number"]))
             outcome = Outcome[row["outcome"].upper()]

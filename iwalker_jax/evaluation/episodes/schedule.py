@@ -1,15 +1,16 @@
 """What a closed-loop study runs: which policies, which tasks in which batches, and by what names results are kept."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.log import EpisodeKey
-from iwalker_jax.navigation import POLICIES
-from iwalker_jax.streams import STUDY_TASKS, mixed_seed
-from iwalker_jax.tasks import TASK_NAMES, Task, generated_tasks, named_task
+from iwalker_jax.navigation import POLICIES, Outcome
+from iwalker_jax.scenes import room_is_passable
+from iwalker_jax.streams import STUDY_TASKS, check_seed, mixed_seed
+from iwalker_jax.tasks import ROOM_TASK_NAMES, TASK_NAMES, Task, generated_tasks, named_task
 
 GENERATED = "generated"
 """The set of episodes in scenes that training never shows."""
@@ -17,8 +18,14 @@ GENERATED = "generated"
 EPISODE_SETS: tuple[str, ...] = (GENERATED, *TASK_NAMES)
 """Names of all sets of episodes."""
 
+ROOMS = "rooms"
+"""All hard rooms, each a set of its own."""
+
 NETWORKS_MARK = "@"
 """In a policy's name, before the name of the networks that it asks instead of the study's own."""
+
+
+_WIDEST = 65_536
 
 
 @dataclass(frozen=True)
@@ -59,6 +66,9 @@ class StudySettings:
         for name, low in (("count", 1), ("seeds", 1), ("width", 1), ("seed", 0)):
             if getattr(self, name) < low:
                 raise InputError(f"The study's {name} is {getattr(self, name)}; give at least {low}.")
+        check_seed(self.seed, "the study")
+        if self.width > _WIDEST:
+            raise InputError(f"The study's width is {self.width}; give at most {_WIDEST} episodes at a time.")
         if max(self.count, self.seeds) > STUDY_TASKS.size:
             raise InputError(
                 f"A set of more than {STUDY_TASKS.size} episodes was asked for; give smaller count and seeds."
@@ -74,6 +84,21 @@ class StudySettings:
         """Name of a policy of `POLICIES`, and of the networks that it asks."""
         name, other = policy_and_networks(policy)
         return name, other or self.planner
+
+
+def named_sets(names: Iterable[str]) -> tuple[str, ...]:
+    """Sets of episodes by the names that a user gives: `ROOMS` stands for every hard room."""
+    return tuple(each for name in names for each in (ROOM_TASK_NAMES if name == ROOMS else (name,)))
+
+
+def expected_outcomes(episode_set: str) -> tuple[Outcome, ...]:
+    """How an episode of a set ends if all goes well: in a room that cannot be walked through, the robot gives up."""
+    if episode_set not in ROOM_TASK_NAMES:
+        return (Outcome.REACHED,)
+    passable = room_is_passable(episode_set.removeprefix("room_"))
+    if passable is None:
+        return (Outcome.REACHED, Outcome.GAVE_UP)
+    return (Outcome.REACHED,) if passable else (Outcome.GAVE_UP,)
 
 
 def policy_and_networks(policy: str) -> tuple[str, str]:

@@ -27,6 +27,7 @@ from iwalker_jax.evaluation.episodes.tables import episode_table
 from iwalker_jax.evaluation.episodes.traces import draw_sheets, has_traces, save_traces, traces_file
 from iwalker_jax.navigation import EpisodeRecord
 from iwalker_jax.runtime import barrier, is_first
+from iwalker_jax.runtime.locks import exclusive
 from iwalker_jax.tasks import Task
 
 Groups = dict[tuple[str, str], list[EpisodeMetrics]]
@@ -124,37 +125,41 @@ def run_episode_study(
         say: hears of what is worth a sentence.
 
     Raises:
-        InputError: a log of another version, files that cannot be written, or a process whose share is missing.
+        InputError: a folder in use, a log of another version, files that cannot be written, or a process whose share
+            is missing.
     """
     study = Study()
     with study.timed("making tasks"):
         episodes = scheduled_episodes(settings)
         batches = episode_batches(settings, episodes)
-    known = load_logs(folder)
-    # Shares of all batches, not of those left: the logs grow while other processes start.
-    share = [(policy, batch) for policy in settings.policies for batch in batches]
-    share = share[jax.process_index() :: jax.process_count()]
-    todo = [(policy, batch) for policy, batch in share if not _finished(settings, policy, batch, known, folder)]
-    if len(todo) < len(share):
-        say(f"{len(share) - len(todo)} of {len(share)} batches are in {folder} already.")
+    # A lock for each process of a group: they share the folder, and another command must not.
+    log = log_file(folder, jax.process_index())
+    with exclusive(log.with_suffix(".lock"), folder):
+        known = load_logs(folder)
+        # Shares of all batches, not of those left: the logs grow while other processes start.
+        share = [(policy, batch) for policy in settings.policies for batch in batches]
+        share = share[jax.process_index() :: jax.process_count()]
+        todo = [(policy, batch) for policy, batch in share if not _finished(settings, policy, batch, known, folder)]
+        if len(todo) < len(share):
+            say(f"{len(share) - len(todo)} of {len(share)} batches are in {folder} already.")
 
-    def save_table() -> None:
-        if is_first():
-            episode_table(grouped(settings, episodes, load_logs(folder))).save(folder, _TABLE)
+        def save_table() -> None:
+            if is_first():
+                episode_table(grouped(settings, episodes, load_logs(folder))).save(folder, _TABLE)
 
-    run_batches(study, settings, todo, make_runner, folder, save_table, on_progress)
-    barrier()
-    if not is_first():
+        run_batches(study, settings, todo, make_runner, folder, save_table, on_progress)
+        barrier()
+        if not is_first():
+            return study
+        known = load_logs(folder)
+        _require_all(settings, batches, known, folder)
+        study.groups = grouped(settings, episodes, known)
+        with study.timed(_FIGURES):
+            save_table()
+            study.sheets = draw_sheets(settings, batches, folder)
+        if film is not None:
+            study.films = make_films(settings, batches, make_runner, folder, film, study, say)
         return study
-    known = load_logs(folder)
-    _require_all(settings, batches, known, folder)
-    study.groups = grouped(settings, episodes, known)
-    with study.timed(_FIGURES):
-        save_table()
-        study.sheets = draw_sheets(settings, batches, folder)
-    if film is not None:
-        study.films = make_films(settings, batches, make_runner, folder, film, study, say)
-    return study
 
 
 def run_batches(

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from iwalker_jax.evaluation.episodes.metrics import ARRIVAL, SLACK, EpisodeMetrics
+from iwalker_jax.evaluation.episodes.schedule import expected_outcomes
 from iwalker_jax.evaluation.tables import Column, Table
 from iwalker_jax.navigation import Outcome
 
@@ -16,6 +17,12 @@ EPISODE_COLUMNS = (
         "success %",
         f"episodes that ended standing at the last goal, after all others: the true base within "
         f"{ARRIVAL + SLACK:.1f} m of each",
+        0,
+        rate=True,
+    ),
+    Column(
+        "as expected %",
+        "episodes that ended as they should: where there is no way, or none that the robot fits, it gives up",
         0,
         rate=True,
     ),
@@ -57,11 +64,17 @@ _FAILURES = (
 _STOOD = (Outcome.REACHED, Outcome.MISTAKEN)
 
 
-def episode_values(metrics: EpisodeMetrics) -> dict[str, float]:
-    """Figures of one episode by column title; NaN where a column does not apply."""
+def episode_values(metrics: EpisodeMetrics, expected: Sequence[Outcome] = (Outcome.REACHED,)) -> dict[str, float]:
+    """Figures of one episode by column title; NaN where a column does not apply.
+
+    Args:
+        metrics: of the episode.
+        expected: how it should end, see `expected_outcomes`.
+    """
     rates = {_rate_title(kinds[0]): 100.0 * (metrics.outcome in kinds) for kinds in _FAILURES}
     return {
         "success %": 100.0 * metrics.success,
+        "as expected %": 100.0 * (metrics.outcome in expected),
         **rates,
         "goals %": 100.0 * metrics.goals,
         "end cm": 100.0 * metrics.end if metrics.outcome in _STOOD else float("nan"),
@@ -82,8 +95,13 @@ def episode_table(groups: Mapping[tuple[str, str], Sequence[EpisodeMetrics]]) ->
 
     Rates are shown with Wilson's 95 % interval, everything else with its standard deviation over the episodes.
     """
+
+    def values(scenes: str, episodes: Sequence[EpisodeMetrics]) -> tuple[dict[str, float], ...]:
+        expected = expected_outcomes(scenes)
+        return tuple(episode_values(metrics, expected) for metrics in episodes)
+
     rows = tuple(
-        ((policy, scenes, str(len(episodes))), tuple(episode_values(metrics) for metrics in episodes))
+        ((policy, scenes, str(len(episodes))), values(scenes, episodes))
         for (policy, scenes), episodes in groups.items()
     )
     return Table(rows, ("policy", "scenes", "episodes"), EPISODE_COLUMNS, "episode")

@@ -1,17 +1,14 @@
 """What is kept of a study's episodes to look at: traces on disk, and the sheets from above drawn from them."""
 
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.metrics import judged, row_of
 from iwalker_jax.evaluation.episodes.pictures import save_episode_grid
 from iwalker_jax.evaluation.episodes.schedule import EpisodeBatch, StudySettings
 from iwalker_jax.navigation import EpisodeRecord, Outcome
-from iwalker_jax.runtime import write_npz
+from iwalker_jax.runtime import read_npz, write_npz
 from iwalker_jax.tasks import Task
 
 _PANELS = 16  # episodes on a sheet
@@ -32,21 +29,24 @@ def save_traces(file: Path, record: EpisodeRecord) -> None:
 
 
 def has_traces(file: Path, episodes: int) -> bool:
-    """Whether a file can be read and holds the traces of so many episodes, or of more."""
+    """Whether a file is whole and holds the traces of so many episodes, or of more."""
     try:
-        with np.load(file) as stored:
-            return set(EpisodeRecord._fields) <= set(stored.files) and len(stored["outcome"]) >= episodes
-    except (OSError, EOFError, ValueError, zipfile.BadZipFile):
+        arrays = read_npz(file)
+    except InputError:
         return False
+    return set(EpisodeRecord._fields) <= set(arrays) and len(arrays["outcome"]) >= episodes
 
 
 def load_traces(file: Path) -> EpisodeRecord:
-    """What `save_traces` wrote; InputError if another version did."""
-    with np.load(file) as stored:
-        missing = [name for name in EpisodeRecord._fields if name not in stored.files]
-        if missing:
-            raise InputError(f"{file} is of another version ({missing[0]} is missing); choose another folder.")
-        return EpisodeRecord(**{name: stored[name] for name in EpisodeRecord._fields})
+    """What `save_traces` wrote; InputError if the file is damaged or another version wrote it."""
+    try:
+        arrays = read_npz(file)
+    except InputError as error:
+        raise InputError(f"{error}; delete it, and the same command runs its episodes again.") from error
+    missing = [name for name in EpisodeRecord._fields if name not in arrays]
+    if missing:
+        raise InputError(f"{file} is of another version ({missing[0]} is missing); choose another folder.")
+    return EpisodeRecord._make(arrays[name] for name in EpisodeRecord._fields)
 
 
 def draw_sheets(settings: StudySettings, batches: Sequence[EpisodeBatch], folder: Path) -> list[tuple[str, Path]]:

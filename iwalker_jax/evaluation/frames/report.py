@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from iwalker_jax.evaluation.frames.columns import FRAME_COLUMNS, frame_values
+from iwalker_jax.evaluation.frames.columns import FRAME_COLUMNS, UNCHARGED_COLUMNS, frame_values
 from iwalker_jax.evaluation.frames.pictures import save_sheet
+from iwalker_jax.evaluation.frames.reference_plans import REFERENCE_NAMES, ReferencePlanner
 from iwalker_jax.evaluation.frames.sequences import (
     FrameSequence,
     evaluate_sequence,
@@ -42,15 +43,20 @@ def evaluate_all(
     folder: Path | None = None,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> Table:
-    """Evaluate every sequence; with a folder, also write table.md, table.csv and one sheet a sequence."""
+    """Evaluate every sequence, and beside it what standing still and a straight line are worth on the same frames; with
+    a folder, also write table.md, table.csv, both again with nothing charged, and one sheet a sequence."""
     rows = []
     for sequence in sequences:
         say(f"evaluating {sequence.name} ({len(sequence.frames)} frames)")
         result = evaluate_sequence(planner, models, sequence)
-        rows.append(((sequence.name,), (frame_values(result),)))
+        rows.append((("planner", sequence.name), (frame_values(result),)))
+        for name in REFERENCE_NAMES:
+            reference = evaluate_sequence(ReferencePlanner(name, planner.config), models, sequence)
+            rows.append(((name, sequence.name), (frame_values(reference),)))
         if folder is not None:
             save_sheet(sequence, result, folder / f"{sequence.name}.png")
-    table = Table(tuple(rows), ("scene",), FRAME_COLUMNS)
+    table = Table(tuple(rows), ("plans", "scene"), FRAME_COLUMNS)
     if folder is not None:
         table.save(folder, "table")
+        Table(table.rows, table.labels, UNCHARGED_COLUMNS).save(folder, "table_uncharged")
     return table

@@ -20,6 +20,7 @@ from iwalker_jax.evaluation.frames.metrics import (
     plan_metrics,
     true_metrics,
 )
+from iwalker_jax.evaluation.frames.reference_plans import ReferencePlanner
 from iwalker_jax.geometry import to_world
 from iwalker_jax.perception import Intrinsics, LocalMap, build_local_map
 from iwalker_jax.planning import (
@@ -117,7 +118,7 @@ def record_unseen_scenes(
 
 
 def evaluate_sequence(
-    planner: Planner,
+    planner: Planner | ReferencePlanner,
     models: PlannerModels,
     sequence: FrameSequence,
     goal_index: int = 0,
@@ -126,7 +127,7 @@ def evaluate_sequence(
     """Plan every frame of a sequence and score it.
 
     Args:
-        planner: with trained parameters.
+        planner: with trained parameters, or plans by a rule.
         models: of the two MPCs and the body.
         sequence: frames and scenes.
         goal_index: which of each frame's goals to ask for; 0 is the route's end, as in the paper.
@@ -146,13 +147,13 @@ def evaluate_sequence(
     goals = frames.goals[:, goal_index]
 
     # Parameters are arguments, so that one compiled program serves every sequence, checkpoint and seed.
-    network = split_module(planner)
+    plans_by = split_module(planner) if isinstance(planner, Planner) else planner
     keys = jax.random.split(jax.random.key(seed), n)
     parts: list[Any] = []
     for start in range(0, n, _BATCH):
         index = np.minimum(np.arange(start, start + _BATCH), n - 1)
         batch = (jnp.asarray(depth[index]), frames.mounts[index], goals[index], keys[index])
-        out = _plan_batch(network, *batch, planner.config, models)
+        out = _plan_batch(plans_by, *batch, planner.config, models)
         parts.append(jax.tree.map(lambda x, keep=min(_BATCH, n - start): np.asarray(x[:keep]), out))
     plan, tracked, metrics, side, maps = jax.tree.map(lambda *x: np.concatenate(x), *parts)
 
@@ -178,7 +179,7 @@ def evaluate_sequence(
 
 @functools.partial(jax.jit, static_argnames=("config", "models"))
 def _plan_batch(
-    network: SplitModule[Planner],
+    plans_by: SplitModule[Planner] | ReferencePlanner,
     depth: Float[Array, "n height width"],
     mounts: Float[Array, "n 5"],
     goals: Float[Array, "n 2"],
@@ -186,10 +187,14 @@ def _plan_batch(
     config: PlannerConfig,
     models: PlannerModels,
 ) -> tuple[Plan, Float[Array, "n p 2"], PlanMetrics, Float[Array, " n"], LocalMap]:
-    """Plans of frames, their paths after the unicycle MPC, what they are worth, the stance feet and the local maps."""
+    """Plans of frames, by the network or by the rule, their paths after the unicycle MPC, what they are worth, the
+    stance feet and the local maps."""
     maps = jax.vmap(lambda d, m: build_local_map(d, m, config.ipath.camera))(depth, mounts)
     state = jax.vmap(lambda key: sample_robot_state(key, config.steps, config.hlip))(keys)
-    plan = network.merge()(depth, goals, state, mounts)
+    if isinstance(plans_by, ReferencePlanner):
+        plan = plans_by(goals, state)
+    else:
+        plan = plans_by.merge()(depth, goals, state, mounts)
     score = jax.vmap(lambda p, w, s, x, m: plan_metrics(p, w, s, x, m, config, models))
     metrics, tracked = score(plan.path, plan.waypoints, plan.footsteps, state, maps.published)
     return plan, tracked, metrics, state.stance_sign, maps

@@ -1,6 +1,5 @@
 """Tables of walks: one row a case with the figures of all its robots, as text, Markdown and CSV."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.tables import Column, Table
+from iwalker_jax.evaluation.tables import CHECKSUM_TITLE, Column, Table
 from iwalker_jax.evaluation.walks.metrics import WalkMetrics, speed_error
+from iwalker_jax.runtime.files import line_checksum, read_csv_lines
 
 
 class WalkLabels(NamedTuple):
@@ -95,27 +95,28 @@ def with_case(table: Table, labels: WalkLabels, values: dict[str, float]) -> Tab
 
 
 def load_walk_table(file: Path) -> Table:
-    """The table of a CSV file that a table of walks was saved to; `EMPTY_WALK_TABLE` if there is no file.
+    """The table of a CSV file that a table of walks was saved to with checksums; `EMPTY_WALK_TABLE` if there is none.
 
     Raises:
-        InputError: a file with other columns, or cells that are not numbers.
+        InputError: a file with other columns, or lines that are damaged or were edited.
     """
     if not file.exists():
         return EMPTY_WALK_TABLE
-    with file.open(newline="") as stream:
-        header, *lines = list(csv.reader(stream)) or [[]]
+    header, *lines = read_csv_lines(file.read_bytes()) or [[]]
     try:
-        if header != EMPTY_WALK_TABLE.header():
+        if header != [*EMPTY_WALK_TABLE.header(), CHECKSUM_TITLE]:
             raise ValueError
         count, titles = len(WalkLabels._fields), [column.title for column in WALK_COLUMNS]
         table = EMPTY_WALK_TABLE
-        for line in lines:
+        for *line, checksum in lines:
+            if checksum != line_checksum(line):
+                raise ValueError
             values = dict(zip(titles, map(float, line[count:]), strict=True))
             table = with_case(table, WalkLabels(*line[:count]), values)
         return table
     except (TypeError, ValueError):
         raise InputError(
-            f"{file} is not a table that this version writes; move it away or choose another folder."
+            f"{file} is not a table that this version writes, or is damaged; move it away or choose another folder."
         ) from None
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import no_type_check
-from zipfile import BadZipFile
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.runtime.files import write_npz
+from iwalker_jax.runtime.files import read_npz, write_npz
 
 Blocks = tuple[tuple[str, int], ...]
 
@@ -87,16 +86,19 @@ def load_program(path: str | Path) -> QuadraticProgram:
         InputError: if the file is missing or is no such file.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            fields = {name: file[name] for name in ("P", "q", "C", "low", "high")}
-            names, counts = file.get("block_names", []), file.get("block_rows", [])
-    except (OSError, ValueError, KeyError, BadZipFile, EOFError) as error:
+        arrays = read_npz(Path(path), foreign=True)
+    except InputError as error:
+        raise InputError(f"{error}; give an .npz file of a quadratic program, with P, q, C, low and high.") from error
+    try:
+        fields = {name: arrays[name] for name in ("P", "q", "C", "low", "high")}
+    except KeyError as error:
         raise InputError(
             f"{path} cannot be read as a quadratic program; give an .npz file with P, q, C, low and high."
         ) from error
+    names, counts = arrays.get("block_names", ()), arrays.get("block_rows", ())
     blocks = tuple((str(name), int(count)) for name, count in zip(names, counts))
-    arrays = (jnp.asarray(value) for value in fields.values())
-    return replace(QuadraticProgram(*arrays), blocks=blocks)  # type: ignore[arg-type]
+    values = (jnp.asarray(value) for value in fields.values())
+    return replace(QuadraticProgram(*values), blocks=blocks)  # type: ignore[arg-type]
 
 
 def in_floats(problem: QuadraticProgram) -> QuadraticProgram:

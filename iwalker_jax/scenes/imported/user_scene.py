@@ -5,8 +5,8 @@ compile and batch with the rest of the loop there; while the robot walks, nobody
 distances to it. Upright boxes and cylinders are taken over as they are, round solids as stacks of discs 5 cm high, and
 everything else as boxes merged from voxels of 5 cm, or up to 15 cm where finer ones do not fit. Those boxes stand out
 of the original surface by a voxel's diagonal at most and leave it outside by `UserScene.error` at most; gaps narrower
-than a voxel may close. What ends below 4 cm is left out, and above 2 m whatever is merged. How near the body came to
-the original itself can be measured afterwards: `surface_distance`.
+than a voxel may close. What ends at `BODY.step_over` or below is floor and left out, and above 2 m whatever is
+merged. How near the body came to the original itself can be measured afterwards: `surface_distance`.
 """
 
 import math
@@ -16,9 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import BODY
 from iwalker_jax.scenes.imported.mesh_solids import MESH_SUFFIXES, MeshSolids, read_mesh, recognise_solids
 from iwalker_jax.scenes.imported.mjcf_solids import load_mjcf, solids_of_mjcf
 from iwalker_jax.scenes.imported.voxel_boxes import Bounds, VoxelBoxes, sample_surface, voxel_boxes
@@ -27,13 +28,14 @@ from iwalker_jax.scenes.scene import BOX_CAPACITY, CYLINDER_CAPACITY, MAX_EXTENT
 VOXELS = (0.05, 0.075, 0.10, 0.15)
 """[m] sides of voxels, tried in this order until the boxes fit."""
 
-BAND = (0.04, 2.0)
-"""[m] heights between which surfaces are kept: above the floor's unevenness, up to what the camera sees of walls."""
+BAND = (BODY.step_over, 2.0)
+"""[m] heights between which surfaces are kept: above what counts as floor, up to what the camera sees of walls."""
 
 MJCF_SUFFIXES = (".xml", ".mjcf")
 _MARGIN = 2.0
 _SMALLEST, _LARGEST = 0.3, 100.0
 _FLOOR_TOLERANCE = 0.05
+_FLUSH = 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +50,7 @@ class UserScene:
         voxel: [m] side of the voxels those were merged from; 0 without any.
         error: [m] largest distance from the original surface to those boxes, which stand out of it by a voxel's
             diagonal at most.
+        low: number of solids that were left out because the feet clear them.
     """
 
     scene: Scene
@@ -56,6 +59,7 @@ class UserScene:
     merged: int
     voxel: float
     error: float
+    low: int = 0
 
     def describe(self) -> str:
         """What became of the original, in a sentence."""
@@ -67,6 +71,8 @@ class UserScene:
                 f", all else approximated by {self.merged} boxes from voxels of {100 * self.voxel:.3g} cm "
                 f"(surfaces at most {100 * self.error:.1f} cm outside)"
             )
+        if self.low:
+            text += f"; {self.low} that end at {100 * BAND[0]:.3g} cm or lower count as floor and were left out"
         return text + "."
 
 
@@ -109,8 +115,9 @@ def convert_user_scene(path: str | PathLike, bounds: Bounds | None = None) -> Us
     limits = (
         _default_bounds(file, boxes, np.concatenate([cylinders, discs]), rest, margin) if bounds is None else bounds
     )
-    boxes = boxes[_matters(boxes[:, :3], _reach(boxes), boxes[:, 5], limits)]
-    cylinders, discs = (rows[_matters(rows[:, :3], rows[:, [3, 3]], rows[:, 4], limits)] for rows in (cylinders, discs))
+    boxes, low_boxes = _kept(boxes, _reach(boxes), boxes[:, 5], limits)
+    cylinders, low_cylinders = _kept(cylinders, cylinders[:, [3, 3]], cylinders[:, 4], limits)
+    discs, _ = _kept(discs, discs[:, [3, 3]], discs[:, 4], limits)
     _check_capacity(file, len(boxes), len(cylinders) + len(discs))
     voxel, merged = _approximated(file, rest, limits, BOX_CAPACITY - len(boxes))
     scene = Scene(
@@ -124,7 +131,7 @@ def convert_user_scene(path: str | PathLike, bounds: Bounds | None = None) -> Us
     if not (len(scene.boxes) or len(scene.cylinders)):
         raise InputError(f"{file} has nothing above its floor inside {limits}; give other bounds or add obstacles.")
     exact = len(boxes) + len(cylinders)
-    return UserScene(scene, exact, len(discs), len(merged.boxes), voxel, merged.error)
+    return UserScene(scene, exact, len(discs), len(merged.boxes), voxel, merged.error, low_boxes + low_cylinders)
 
 
 def _check_mesh(file: Path, mesh: trimesh.Trimesh, bounds: Bounds | None) -> None:
@@ -179,13 +186,14 @@ def _default_bounds(
     return (*(low - margin).tolist(), *(high + margin).tolist())
 
 
-def _matters(
-    centres: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, "n 2"], half: Float[np.ndarray, " n"], bounds: Bounds
-) -> Bool[np.ndarray, " n"]:
-    """Whether solids rise above the floor and come within a metre of the bounds."""
+def _kept(
+    solids: Float[np.ndarray, "n k"], reach: Float[np.ndarray, "n 2"], half: Float[np.ndarray, " n"], bounds: Bounds
+) -> tuple[Float[np.ndarray, "m k"], int]:
+    """Solids that come within a metre of the bounds and are obstacles; and how many others the feet clear."""
     low, high = np.array(bounds[:2]) - 1, np.array(bounds[2:]) + 1
-    near = ((centres[:, :2] + reach >= low) & (centres[:, :2] - reach <= high)).all(axis=1)
-    return near & (centres[:, 2] + half > BAND[0])
+    near = ((solids[:, :2] + reach >= low) & (solids[:, :2] - reach <= high)).all(axis=1)
+    top = solids[:, 2] + half
+    return solids[near & (top > BAND[0])], int((near & (top > _FLUSH) & (top <= BAND[0])).sum())
 
 
 def _check_capacity(file: Path, boxes: int, cylinders: int) -> None:

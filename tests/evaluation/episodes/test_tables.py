@@ -17,7 +17,7 @@ BAD = GOOD._replace(outcome=Outcome.COLLIDED, spl=0.0, clearance=-0.01, goals=0.
 
 def test_an_episodes_values_by_hand():
     assert list(episode_values(GOOD)) == TITLES
-    wanted = [100, 0, 0, 0, 0, 0, 100, 28, 0.75, 20, 4, 0.2, 12, 25, 80, 0.1, 3]
+    wanted = [100, 100, 0, 0, 0, 0, 0, 100, 28, 0.75, 20, 4, 0.2, 12, 25, 80, 0.1, 3]
     assert list(episode_values(GOOD).values()) == pytest.approx(wanted)
     bad = episode_values(BAD)
     assert bad["collided %"] == 100 and bad["success %"] == 0 and np.isnan(bad["time s"])
@@ -31,6 +31,24 @@ def test_a_robot_that_only_believes_is_no_success():
     assert values["end cm"] == pytest.approx(55.0)
     rates = [column.title for column in EPISODE_COLUMNS if column.rate]
     assert sum(values[title] for title in rates) == 100
+
+
+@pytest.mark.parametrize(
+    ("episode_set", "outcome", "expected"),
+    [
+        ("room_gap_45", Outcome.REACHED, True),
+        ("room_gap_45", Outcome.GAVE_UP, False),
+        ("room_closed_door", Outcome.GAVE_UP, True),
+        ("room_closed_door", Outcome.REACHED, False),
+        ("room_threshold_30", Outcome.GAVE_UP, True),
+        ("room_threshold_30", Outcome.COLLIDED, False),
+        ("office", Outcome.GAVE_UP, False),
+    ],
+)
+def test_where_there_is_no_way_giving_up_is_as_expected(episode_set, outcome, expected):
+    """Oracle: the rooms' names."""
+    table = episode_table({("default", episode_set): [GOOD._replace(outcome=outcome)]})
+    assert table.cells()[1][3 + TITLES.index("as expected %")].startswith("100" if expected else "0 ")
 
 
 def test_rates_come_with_intervals_and_figures_with_deviations(tmp_path):

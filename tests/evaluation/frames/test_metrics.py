@@ -48,6 +48,18 @@ def test_collision_is_the_published_map_summed_over_the_footsteps(planned):
     assert float(metrics.collision) == pytest.approx(RegularGridInterpolator(axes, published)(points).sum(), rel=1e-4)
 
 
+def test_collision_as_published_is_summed_centimetre_by_centimetre(planned):
+    """Oracle: SciPy's bilinear interpolation at 150 points found by walking a fine polyline of the path."""
+    path, _, published, metrics, _ = planned
+    axes = [low + (np.arange(100) + 0.5) * 0.1 for low in (PUBLISHED_GRID.x_min, PUBLISHED_GRID.y_min)]
+    points = np.asarray(path, float)
+    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    centres = np.stack([np.interp(0.01 * np.arange(1, 151), along, points[:, k]) for k in range(2)], axis=1)
+    centres = np.maximum(centres, [axes[0][0], axes[1][0]])
+    wanted = RegularGridInterpolator(axes, published)(centres).sum()
+    assert float(metrics.collision_published) == pytest.approx(wanted, rel=2e-3)
+
+
 def test_stability_is_the_variance_of_relative_intervals(planned):
     """Oracle: the definition in plain Python."""
     gaps = [float(np.hypot(*(b - a))) for a, b in zip([np.zeros(2), *WAYPOINTS], WAYPOINTS)]
@@ -199,9 +211,16 @@ def test_a_wall_in_between_hides_a_goal(scene):
 
 
 def test_what_serves_a_goal():
-    """Oracle: the rule's four cases; a goal in view must be reached, another one approached."""
-    cases = [(0.1, 0.0, True, True), (0.5, 2.0, True, False), (5.0, 0.2, False, True), (5.0, 0.05, False, False)]
-    distance, progress, view, wanted = zip(*cases)
-    zeros = jnp.zeros(4)
-    truth = TrueMetrics(zeros, zeros, zeros, jnp.asarray(distance), jnp.asarray(progress), zeros, zeros)
+    """Oracle: the rule's cases; a goal in view must be reached, another one approached, and nothing touched."""
+    cases = [
+        (0.1, 0.0, False, True, True),
+        (0.1, 0.0, True, True, False),
+        (0.5, 2.0, False, True, False),
+        (5.0, 0.2, False, False, True),
+        (5.0, 0.2, True, False, False),
+        (5.0, 0.05, False, False, False),
+    ]
+    distance, progress, hit, view, wanted = zip(*cases)
+    zeros = jnp.zeros(len(cases))
+    truth = TrueMetrics(jnp.asarray(hit), zeros, zeros, jnp.asarray(distance), jnp.asarray(progress), zeros, zeros)
     np.testing.assert_array_equal(goal_served(truth, jnp.asarray(view)), wanted)

@@ -155,7 +155,7 @@ def test_tables_gather_robots_and_can_be_read_back(tmp_path):
     assert row["steps made %"] == pytest.approx((100 + 20) / 2)
     labels = WalkLabels("nominal", "straight", "mjx", "7")
     table = with_case(EMPTY_WALK_TABLE, labels, row)
-    table.save(tmp_path, "study")
+    table.save(tmp_path, "study", checksums=True)
     with (tmp_path / "study.csv").open() as stream:
         (line,) = csv.DictReader(stream)
     assert line["case"] == "straight" and float(line["footstep mean cm"]) == row["footstep mean cm"]
@@ -188,7 +188,9 @@ def test_other_tables_are_refused(tmp_path, text):
     assert load_walk_table(file).rows == ()
     if text is None:
         row = summarise([walk_metrics(walk_of(straight_plan(10, 0.04)), straight_plan(10, 0.04), LIMITS, STEP_TIME)])
-        with_case(EMPTY_WALK_TABLE, WalkLabels("nominal", "straight", "mjx", "0"), row).save(tmp_path, "walk_study")
+        with_case(EMPTY_WALK_TABLE, WalkLabels("nominal", "straight", "mjx", "0"), row).save(
+            tmp_path, "walk_study", checksums=True
+        )
         text = file.read_text()[:-40]
     file.write_text(text)
     with pytest.raises(InputError, match="move it away"):

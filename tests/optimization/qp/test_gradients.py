@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks.problems.hard_qps import hard_qps
 from iwalker_jax.optimization import QpSettings, QuadraticProgram, Status, solve_qp
-from problems.hard_qps import hard_qps
 from tests.gradients import assert_gradients_agree
 
 FIELDS = ("P", "q", "C", "low", "high")

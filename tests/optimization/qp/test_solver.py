@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks.problems.hard_qps import hard_qps
+from benchmarks.problems.whole_body_qps import whole_body_qps
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization import (
     QpPoint,
@@ -19,8 +21,6 @@ from iwalker_jax.optimization import (
     explain,
     solve_qp,
 )
-from problems.hard_qps import hard_qps
-from problems.whole_body_qps import whole_body_qps
 from tests.optimization.qp.qp_peers import clarabel_solution
 
 solve = jax.jit(solve_qp, static_argnames=("settings", "gradient"))

@@ -11,6 +11,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy import sparse
 
+from benchmarks.problems.step_qps import build_step_qp, irregular_walk, step_map
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization import (
     HlipParameters,
@@ -21,7 +22,6 @@ from iwalker_jax.optimization import (
     solve_bounded_step_mpc,
     solve_step_mpc,
 )
-from problems.step_qps import build_step_qp, irregular_walk, step_map
 
 BRUCE = HlipParameters()
 PHYSICS = [BRUCE, HlipParameters(0.8, 0.24, 0.1), HlipParameters(0.3, 0.5, 0.05), HlipParameters(1.2, 0.1, 0.3)]

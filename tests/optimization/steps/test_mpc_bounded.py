@@ -9,6 +9,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy import sparse
 
+from benchmarks.problems.step_qps import build_step_qp, irregular_walk, step_map
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization import (
     HlipParameters,
@@ -20,7 +21,6 @@ from iwalker_jax.optimization import (
     step_bounds,
 )
 from iwalker_jax.optimization.steps import box_qp
-from problems.step_qps import build_step_qp, irregular_walk, step_map
 
 BRUCE = HlipParameters()
 HORIZON = 12

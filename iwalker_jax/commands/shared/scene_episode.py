@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from bruce_model import load_mujoco
-from experiments.shared.console import progress_bar, say
-from experiments.shared.planners import planner_of
-from experiments.shared.walk_options import EpisodeOptions, SharedOptions
-from experiments.shared.walk_output import finite_or_none
+from iwalker_jax.commands.shared.console import progress_bar, say
+from iwalker_jax.commands.shared.planners import planner_of
+from iwalker_jax.commands.shared.walk_options import EpisodeOptions, SharedOptions
+from iwalker_jax.commands.shared.walk_output import finite_or_none
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes import (
     AROUND,

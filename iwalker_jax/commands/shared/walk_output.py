@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.shared.console import say
+from iwalker_jax.commands.shared.console import say
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks import WalkMetrics, save_trace_grid, save_walk_sheet, speed_error, summarise
 from iwalker_jax.film import Overlays, play_motion, write_video

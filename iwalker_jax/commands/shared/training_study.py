@@ -8,18 +8,28 @@ from pathlib import Path
 
 import tyro
 
-from experiments.shared.console import exit_with, progress_bar, require_at_least, say, stopped
-from experiments.train import prepare_data
-from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.commands.shared.console import (
+    FAILURES,
+    exit_with,
+    progress_bar,
+    require_counts,
+    require_devices,
+    say,
+    stopped,
+)
+from iwalker_jax.commands.train import prepare_data
 from iwalker_jax.evaluation import Table
 from iwalker_jax.evaluation.frames import (
     FRAME_COLUMNS,
+    REFERENCE_NAMES,
+    UNCHARGED_COLUMNS,
     FrameSequence,
+    ReferencePlanner,
     evaluate_sequence,
     frame_values,
     standard_sequences,
 )
-from iwalker_jax.planning import Planner
+from iwalker_jax.planning import Planner, PlannerModels
 from iwalker_jax.training import TrainConfig, TrainingData, make_planner, planner_from, train
 
 
@@ -74,14 +84,15 @@ def study_main(
     given = sys.argv[1:] if arguments is None else arguments
     command = tyro.cli(StudyCommand, args=given, default=default, description=description)
     try:
-        require_at_least(command, seeds=1, epochs=1, frames=1, unseen_scenes=0)
+        require_counts(command, seeds=1, epochs=1, frames=1, unseen_scenes=0)
+        require_devices()
         config = TrainConfig(epochs=command.epochs)
         config = dataclasses.replace(config, source=dataclasses.replace(config.source, frames=command.frames))
         data = prepare_data(config)
         table = run_training_study(
             variants_of(config), command.seeds, data, command.out, command.unseen_scenes, title, also
         )
-    except (InputError, CheckpointError, FloatingPointError, OSError) as error:
+    except FAILURES as error:
         exit_with(error)
     except KeyboardInterrupt:
         return stopped("the same command goes on with the trainings that are not finished")
@@ -108,6 +119,9 @@ def run_training_study(
     table = None
     for seed in range(seeds):
         trained: dict[str, Planner] = {}
+        for name in REFERENCE_NAMES:
+            reference = ReferencePlanner(name, variants[0].config.planner)
+            _score(name, reference, variants[0].config.models, sequences, seed, scores)
         for variant in variants:
             config = dataclasses.replace(variant.config, seed=seed)
             if variant.trained:
@@ -118,14 +132,15 @@ def run_training_study(
             else:
                 planner = make_planner(config)
             trained[variant.label] = planner
-            _score(planner, variant, sequences, scores)
+            _score(variant.label, planner, variant.config.models, sequences, seed, scores)
         rows = tuple(
-            ((variant.label, sequence.name), tuple(scores[variant.label, sequence.name]))
+            ((label, sequence.name), tuple(scores[label, sequence.name]))
             for sequence in sequences
-            for variant in variants
+            for label in (*REFERENCE_NAMES, *(variant.label for variant in variants))
         )
         table = Table(rows, ("method", "scene"), FRAME_COLUMNS)
         table.save(folder, title)
+        Table(rows, ("method", "scene"), UNCHARGED_COLUMNS).save(folder, f"{title}_uncharged")
         say(f"After {seed + 1} of {seeds} seeds:")
         say(table.text())
         also(table, folder)
@@ -149,7 +164,15 @@ def _train(label: str, config: TrainConfig, data: TrainingData, folder: Path, st
     return None if result.interrupted else planner_from(config, result.state.params)
 
 
-def _score(planner: Planner, variant: Variant, sequences: list[FrameSequence], scores: dict) -> None:
+def _score(
+    label: str,
+    planner: Planner | ReferencePlanner,
+    models: PlannerModels,
+    sequences: list[FrameSequence],
+    seed: int,
+    scores: dict[tuple[str, str], list[dict[str, float]]],
+) -> None:
+    """Add the planner's figures on every sequence; robots are in the same states for every planner of a seed."""
     for sequence in sequences:
-        result = evaluate_sequence(planner, variant.config.models, sequence)
-        scores.setdefault((variant.label, sequence.name), []).append(frame_values(result))
+        result = evaluate_sequence(planner, models, sequence, seed=seed)
+        scores.setdefault((label, sequence.name), []).append(frame_values(result))

@@ -1,15 +1,14 @@
 """The planner that a command is asked to use: of a training run, or the one that ships with the package."""
 
-import hashlib
 from pathlib import Path
 
 import jax
-import numpy as np
 from flax import nnx
 
-from experiments.shared.console import say
+from iwalker_jax.commands.shared.console import say
 from iwalker_jax.errors import InputError
 from iwalker_jax.planning import Planner
+from iwalker_jax.runtime.files import digest
 from iwalker_jax.training import TrainConfig, load_planner, load_run, planner_from
 
 
@@ -35,9 +34,5 @@ def planner_of(run: Path | None, checkpoint: int | None = None) -> tuple[Planner
 
 def fingerprint(planner: Planner) -> str:
     """Eight hexadecimal digits that change with any parameter."""
-    digest = hashlib.sha256()
-    for path, leaf in jax.tree_util.tree_flatten_with_path(nnx.state(planner, nnx.Param))[0]:
-        values = np.asarray(leaf)
-        digest.update(f"{jax.tree_util.keystr(path)} {values.dtype} {values.shape}".encode())
-        digest.update(values.tobytes())
-    return digest.hexdigest()[:8]
+    leaves = jax.tree_util.tree_flatten_with_path(nnx.state(planner, nnx.Param))[0]
+    return digest({jax.tree_util.keystr(path): leaf for path, leaf in leaves})[:8]

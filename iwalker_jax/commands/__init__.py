@@ -1,0 +1,1 @@
+"""The commands: options, progress, tables and pictures around the library, started by `launch`."""

@@ -1,0 +1,162 @@
+"""Collect training frames from the robot's own episodes: python -m experiments.collect --run runs/default."""
+
+import dataclasses
+import json
+import shutil
+import sys
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from iwalker_jax.commands.shared.console import (
+    FAILURES,
+    exit_with,
+    progress_bar,
+    require_counts,
+    require_devices,
+    say,
+    stopped,
+)
+from iwalker_jax.commands.shared.planners import planner_of
+from iwalker_jax.data import FrameSet, concatenate, frames_from_episodes, load_frames, save_frames
+from iwalker_jax.errors import InputError
+from iwalker_jax.navigation import POLICIES, EpisodeProgram, Outcome, make_navigator
+from iwalker_jax.runtime import write_json
+from iwalker_jax.runtime.files import first_line, part_of
+from iwalker_jax.runtime.locks import exclusive
+from iwalker_jax.streams import COLLECTION_TASKS
+from iwalker_jax.tasks import training_task
+
+
+@dataclass(frozen=True)
+class Command:
+    """Let the robot walk in training scenes, none of which is used in any evaluation, and keep what its camera saw.
+
+    Train on the frames with `python -m experiments.train --source.episodes FILE`; no labels are needed. What is
+    recorded is kept batch by batch: the same command goes on where it was stopped.
+
+    Attributes:
+        run: folder of a training run; the planner that ships with the package if left out.
+        out: file to write; until it is complete, finished batches are in a folder beside it that ends in .parts.
+        tasks: number of episodes.
+        seconds: longest episode.
+        stride: camera frames from one that is kept to the next.
+        policy: how to navigate: default, networks, published or classical; see experiments.evaluate.
+        width: episodes at a time.
+        devices: number of devices, all by default; on a CPU that many are made of its cores.
+        seed: of tasks, noise and goals.
+    """
+
+    run: Path | None = None
+    out: Path = Path("runs/episodes.npz")
+    tasks: int = 60
+    seconds: float = 25.0
+    stride: int = 12
+    policy: str = "default"
+    width: int = 20
+    devices: int | None = None
+    seed: int = 0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
+    try:
+        collect(command)
+    except FAILURES as error:
+        exit_with(error)
+    except KeyboardInterrupt:
+        return stopped("the same command goes on with the batches that are not recorded yet")
+    return 0
+
+
+def collect(command: Command) -> None:
+    """Run the episodes, keep frames, say what came out."""
+    require_counts(command, tasks=1, stride=1, width=1, seed=0)
+    require_devices()
+    if not 0 < command.seconds <= 3600 or command.policy not in POLICIES:
+        raise InputError(
+            f"Give a positive time of at most 3600 s and a policy of {', '.join(POLICIES)}; got {command.seconds} s "
+            f"and {command.policy!r}."
+        )
+    planner, _, name = planner_of(command.run)
+    navigator = make_navigator(command.policy, planner)
+    program = EpisodeProgram(navigator, min(command.width, command.tasks), command.devices, images=True)
+    with exclusive(command.out.with_suffix(".lock"), command.out):
+        folder = parts_folder(command, name, program.width)
+        parts: list[FrameSet] = []
+        ends: Counter[str] = Counter()
+        with progress_bar("episodes", command.tasks) as show:
+            for first in range(0, command.tasks, program.width):
+                file, numbers = folder / f"{first}.npz", range(first, min(first + program.width, command.tasks))
+                part = finished_part(file)
+                if part is None:
+                    tasks = [training_task(COLLECTION_TASKS.number(command.seed, k)) for k in numbers]
+                    tasks = [dataclasses.replace(task, time_limit=command.seconds) for task in tasks]
+                    seed = command.seed + first
+                    record = program.run(tasks, seed=seed)
+                    names = [Outcome(int(last)).word for last in record.outcome[:, -1]]
+                    write_json(file.with_suffix(".json"), names)
+                    kept = frames_from_episodes(
+                        navigator.camera, navigator.intrinsics, tasks, record, command.stride, seed
+                    )
+                    save_frames(kept, file)
+                    part = kept, names
+                parts.append(part[0])
+                ends.update(part[1])
+                show(numbers[-1] + 1)
+        frames = concatenate(parts)
+        save_frames(frames, command.out)
+        shutil.rmtree(folder)
+        counts = ", ".join(f"{ends[end]} {end}" for end in sorted(ends))
+        say(f"{len(frames)} frames of {command.tasks} episodes ({counts}) are in {command.out}.")
+
+
+def finished_part(file: Path) -> tuple[FrameSet, list[str]] | None:
+    """Frames of a finished batch and how its episodes ended; None if it is to be recorded, or recorded anew."""
+    if not file.exists():
+        return None
+    try:
+        frames, ends = load_frames(file), json.loads(file.with_suffix(".json").read_text(encoding="utf-8"))
+        known = {outcome.word for outcome in Outcome}
+        if isinstance(ends, list) and known.issuperset(ends):
+            return frames, ends
+        why = f"{file.with_suffix('.json')} is damaged"
+    except (InputError, OSError, ValueError, TypeError) as error:
+        why = first_line(error)
+    say(f"A batch is recorded anew: {why}")
+    return None
+
+
+def parts_folder(command: Command, planner: str, width: int) -> Path:
+    """The folder of finished batches; says what it holds.
+
+    Raises:
+        InputError: if they were recorded with other options, or by other networks.
+    """
+    folder = command.out.with_suffix(".parts")
+    folder.mkdir(parents=True, exist_ok=True)
+    names = ("tasks", "seconds", "stride", "policy", "seed")
+    wanted = {name: getattr(command, name) for name in names} | {"planner": planner, "width": width}
+    settings = folder / "settings.json"
+    # A process that was killed at once has left no more than the beginning of that file.
+    if not set(folder.iterdir()) - {part_of(settings)}:
+        write_json(settings, wanted)
+    elif _read_settings(settings) != wanted:
+        raise InputError(
+            f"{folder} holds something else or episodes with other options; move it or choose another --out."
+        )
+    finished = sum(file.stem.isdigit() for file in folder.glob("*.npz"))
+    if finished:
+        say(f"{finished} batches are there already.")
+    return folder
+
+
+def _read_settings(file: Path) -> Any:
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None

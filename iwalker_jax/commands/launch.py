@@ -1,0 +1,39 @@
+"""Starts a command with the process settings that must be chosen before JAX is imported.
+
+`python -m experiments.train` in a checkout and the installed `iwalker-train` both come here; the latter takes no
+module from the present folder.
+"""
+
+import importlib
+import sys
+from functools import partial
+from typing import NoReturn
+
+from iwalker_jax.film import headless
+from iwalker_jax.runtime import settings
+
+_DRAWING_3D = ("evaluate", "walk")
+
+
+def launch(name: str) -> NoReturn:
+    """Run the command of a name with the process's arguments and leave with its status."""
+    settings.configure_runtime(settings.requested_devices(sys.argv))
+    if name in _DRAWING_3D:
+        headless.configure_rendering()
+    status = importlib.import_module(f"iwalker_jax.commands.{name}").main()
+    # It imports JAX, which the settings must come before.
+    from iwalker_jax.runtime.processes import exit_process
+
+    exit_process(status)
+
+
+ablation = partial(launch, "ablation")
+collect = partial(launch, "collect")
+compare = partial(launch, "compare")
+evaluate = partial(launch, "evaluate")
+show_depth_noise = partial(launch, "show_depth_noise")
+train = partial(launch, "train")
+validate_recording = partial(launch, "validate_recording")
+walk = partial(launch, "walk")
+walk_study = partial(launch, "walk_study")
+whole_body_study = partial(launch, "whole_body_study")

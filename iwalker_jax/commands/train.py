@@ -1,0 +1,182 @@
+"""Train iPath and iStepper end to end: python -m experiments.train [--preset quick|default|paper] [--data FOLDER]."""
+
+import dataclasses
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from iwalker_jax.commands.shared.console import (
+    FAILURES,
+    come_together,
+    config_file,
+    console,
+    exit_with,
+    progress_bar,
+    require_counts,
+    say,
+    stopped,
+)
+from iwalker_jax.data.sources import load_training_frames
+from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.evaluation.frames import FrameSequence, evaluate_all, standard_sequences
+from iwalker_jax.evaluation.tables import Table
+from iwalker_jax.runtime.files import write_json
+from iwalker_jax.runtime.locks import exclusive
+from iwalker_jax.runtime.processes import ProcessGroup, barrier, is_first
+from iwalker_jax.training.checkpoints import load_run
+from iwalker_jax.training.config import PRESETS, TrainConfig
+from iwalker_jax.training.config_dict import config_to_dict
+from iwalker_jax.training.loop import TrainingProgress, TrainResult, batch_mesh, run_lock, train
+from iwalker_jax.training.maps import TrainingData, prepare
+from iwalker_jax.training.pretrained import save_planner
+from iwalker_jax.training.train_step import planner_from
+
+
+@dataclass(frozen=True)
+class Command:
+    """Train the depth-to-footstep planner and evaluate it.
+
+    Attributes:
+        preset: which configuration the other options start from.
+        data: folder of your own depth recording to train on instead of generated scenes.
+        out: folder for checkpoints, metrics, tables and pictures; an existing run in it is resumed.
+        fresh: start anew even if the folder holds a run, whose checkpoints are removed.
+        start_from: folder of another run whose trained networks this one starts from (fine-tuning).
+        devices: number of devices of each process to spread a batch over; on a CPU that many are made of its cores.
+        tensorboard: also write TensorBoard events.
+        unseen_scenes: held-out scenes of the final evaluation; 0 leaves them out.
+        group: several processes that train one planner together.
+        config: the training configuration.
+    """
+
+    preset: Literal["default", "quick", "paper"] = "default"
+    data: Path | None = None
+    out: Path = Path("runs/default")
+    fresh: bool = False
+    start_from: Path | None = None
+    devices: int = 1
+    tensorboard: bool = False
+    unseen_scenes: int = 60
+    group: Annotated[ProcessGroup, tyro.conf.arg(name="")] = ProcessGroup()
+    config: Annotated[TrainConfig, tyro.conf.arg(name="")] = TrainConfig()
+
+
+def parse(arguments: list[str]) -> Command:
+    """The command of the given arguments; `--preset` decides what the other options start from."""
+    preset = "default"
+    for i, argument in enumerate(arguments):
+        if argument.startswith("--preset"):
+            preset = argument.partition("=")[2] or (arguments[i + 1] if i + 1 < len(arguments) else "")
+    if preset not in PRESETS:
+        raise InputError(f"Unknown preset {preset!r}; choose one of {', '.join(PRESETS)}.")
+    default = Command(preset=preset, out=Path("runs") / preset, config=PRESETS[preset]())  # type: ignore[arg-type]
+    command = tyro.cli(Command, args=arguments, default=default, description=Command.__doc__)
+    if command.data is not None:
+        source = dataclasses.replace(command.config.source, folder=command.data)
+        command = dataclasses.replace(command, config=dataclasses.replace(command.config, source=source))
+    return command
+
+
+def prepare_data(config: TrainConfig) -> TrainingData:
+    """Frames of the configured source with their maps, progress shown."""
+    camera = config.planner.ipath.camera
+    with progress_bar("depth frames", config.source.frames) as show:
+        frames = load_training_frames(config.source, camera, on_progress=lambda done, total: show(done), say=say)
+        show(config.source.frames)
+    with progress_bar("maps", len(frames)) as show:
+        return prepare(frames, config.models.traversal, on_progress=show)
+
+
+def run_training(command: Command, data: TrainingData) -> TrainResult:
+    """Train with a progress bar."""
+    config = command.config
+    frames = data.depth.shape[0]
+    start = None
+    if command.start_from is not None:
+        state, other = load_run(command.start_from, say=say)
+        if other.planner != config.planner:
+            raise InputError(
+                f"The networks of {command.start_from} have other sizes; use the options it was made with."
+            )
+        start = planner_from(other, state.params)
+    with progress_bar("training", config.total_steps(frames)) as show:
+
+        def report(progress: TrainingProgress) -> None:
+            losses = progress.losses
+            show(
+                progress.step,
+                f"loss {losses['total']:.3f}  U_path {losses['U_path']:.3f}  U_step {losses['U_step']:.3f}  "
+                f"{progress.frames_per_second:.0f} frames/s",
+            )
+
+        return train(
+            config,
+            data,
+            command.out,
+            resume=not command.fresh,
+            start_from=start,
+            mesh=batch_mesh(command.devices),
+            tensorboard=command.tensorboard,
+            on_progress=report,
+            say=say,
+        )
+
+
+def help_training(command: Command) -> int:
+    """What processes other than 0 do: the same steps, of which they keep nothing; returns the exit status."""
+    with tempfile.TemporaryDirectory() as scratch:
+        command = dataclasses.replace(command, out=Path(scratch), tensorboard=False)
+        result = run_training(command, prepare_data(command.config))
+    if result.interrupted:
+        return 130
+    barrier()
+    return 0
+
+
+def save_and_evaluate(command: Command, result: TrainResult) -> Table:
+    """Write the configuration and the planner, then the evaluation's table and pictures."""
+    config = command.config
+    write_json(config_file(command.out), config_to_dict(config))
+    planner = planner_from(config, result.state.params)
+    save_planner(command.out / "planner.npz", planner, config)
+    camera = config.planner.ipath.camera
+    sequences = standard_sequences(unseen_scenes=command.unseen_scenes, say=say, camera=camera)
+    if config.source.folder is not None:
+        frames = load_training_frames(config.source, camera, say=lambda sentence: None)
+        sequences.append(FrameSequence("recording", frames, None))
+    return evaluate_all(planner, config.models, sequences, command.out / "evaluation", say=say)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    began = time.perf_counter()
+    try:
+        command = parse(sys.argv[1:] if arguments is None else arguments)
+        require_counts(command, unseen_scenes=0)
+        come_together(command.group)
+        if not is_first():
+            return help_training(command)
+        # From the start, so that a second command in the folder need not make its frames to learn of the first.
+        with exclusive(run_lock(command.out), command.out):
+            result = run_training(command, prepare_data(command.config))
+            if result.interrupted:
+                return 130
+            barrier()
+            table = save_and_evaluate(command, result)
+    except FAILURES as error:
+        exit_with(error)
+    except KeyboardInterrupt:
+        return stopped("the same command goes on from the newest checkpoint")
+    console.print()
+    say(table.text())
+    say(table.legend())
+    say(f"Pictures and tables are in {command.out / 'evaluation'}.")
+    say(f"All done in {(time.perf_counter() - began) / 60:.1f} minutes.")
+    if result.unsaved is not None:
+        exit_with(CheckpointError(result.unsaved))
+    return 0
