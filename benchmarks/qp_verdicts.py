@@ -20,23 +20,29 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.optimize import linprog
 
-from iwalker_jax.optimization import QuadraticProgram, Status, solve_qp
 from benchmarks.problems.ugly_qps import UglyQp, ugly_qps
+from iwalker_jax.optimization import QuadraticProgram, Status, solve_qp
 
 _COUNTS = ("wrong", "false infeasible", "false other", "false derivative", "no claim")
 _WRONG = 1e-2  # of the cost's own terms, or of a row's
 
 
 def clarabel_point(qp: UglyQp) -> np.ndarray | None:
-    """The optimum in double precision; None if Clarabel does not claim one.
+    """The optimum in double precision; None if Clarabel finds none that holds the rows.
 
-    Solved in units in which variables and rows are of size one: they are what breaks solvers.
+    Solved in units in which the cost's diagonal is one and in those in which the rows are: units break solvers.
     """
-    P, q, C, low, high = (np.asarray(a, float) for a in qp[:5])
-    diagonal = np.diagonal(P)
-    reach = np.max(np.abs(C), axis=0, initial=0)
+    P, C = np.asarray(qp.P, float), np.asarray(qp.C, float)
+    diagonal, reach = np.diagonal(P), np.max(np.abs(C), axis=0, initial=0)
     by_rows = np.where(reach > 0, 1 / np.where(reach > 0, reach, 1), 1.0)
-    units = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1)), by_rows)
+    by_cost = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1)), by_rows)
+    points = [point for units in (by_cost, by_rows) if (point := _clarabel_in_units(qp, units)) is not None]
+    points = [point for point in points if not violates(qp, point, 1e-2)]
+    return min(points, key=lambda x: x @ P @ x / 2 + np.asarray(qp.q, float) @ x, default=None)
+
+
+def _clarabel_in_units(qp: UglyQp, units: np.ndarray) -> np.ndarray | None:
+    P, q, C, low, high = (np.asarray(a, float) for a in qp[:5])
     rows = np.max(np.abs(C * units), axis=1)
     rows = 1 / np.where(rows > 0, rows, 1)
     P, q, C, low, high = P * units * units[:, None], q * units, rows[:, None] * C * units, rows * low, rows * high
@@ -66,13 +72,13 @@ def feasible(qp: UglyQp) -> bool:
     return linprog(np.zeros(C.shape[1]), A_ub=rows, b_ub=ends, bounds=(None, None), method="highs").status == 0
 
 
-def violates(qp: UglyQp, x: np.ndarray) -> bool:
+def violates(qp: UglyQp, x: np.ndarray, share: float = 1.0) -> bool:
     """Whether a row lies outside by a part of its bound and its terms that anyone would notice."""
     _, _, C, low, high = (np.asarray(a, float) for a in qp[:5])
     value, terms = C @ x, np.abs(C) @ np.abs(x)
     outside = np.maximum(np.maximum(value - high, low - value), 0)
     bound = np.abs(np.where(value > high, high, low))
-    return bool(np.any(outside > 0.1 * _WRONG * np.maximum(np.where(outside > 0, bound, 0), terms)))
+    return bool(np.any(outside > share * 0.1 * _WRONG * np.maximum(np.where(outside > 0, bound, 0), terms)))
 
 
 def improved(qp: UglyQp, x: np.ndarray, better: np.ndarray) -> bool:

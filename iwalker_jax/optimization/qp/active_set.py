@@ -67,7 +67,7 @@ class ActiveSet(NamedTuple):
         matrix: (m, m, *b) the swept tableau.
         solved: (*b,) bool, the rows hold and the multipliers have their signs.
         blocked: (*b,) bool, a violated row cannot be reached: the constraints contradict each other.
-        ray: (m, *b) where blocked, the multipliers of the contradiction (Farkas), else zero.
+        blocker: (*b,) int, where blocked by which row: its number and one more, negative for its lower bound.
         pivots: () int, iterations of the longest search.
     """
 
@@ -76,7 +76,7 @@ class ActiveSet(NamedTuple):
     matrix: Float[Array, "m m *b"]
     solved: Bool[Array, "*b"]
     blocked: Bool[Array, "*b"]
-    ray: Float[Array, " m *b"]
+    blocker: Int[Array, "*b"]
     pivots: Int[Array, ""]
 
 
@@ -87,6 +87,7 @@ class _Search(NamedTuple):
     leaving: Array  # row on its way out, else m
     solved: Array
     blocked: Array
+    blocker: Array
     pivots: Array
 
 
@@ -246,15 +247,16 @@ def _pivot_step(state: _Search, bounds: RowBounds, thresholds: Thresholds) -> _S
         jnp.where(acting, jnp.where(cut, move.blocker, m), state.leaving),
         state.solved | (running & move.done),
         state.blocked | (running & move.stuck),
+        jnp.where(running & move.stuck, jnp.where(pivot.upward, row + 1, -row - 1), state.blocker),
         state.pivots + 1,
     )
 
 
-def _contradiction(state: _Search, bounds: RowBounds) -> Float[Array, " m *b"]:
-    """The multipliers that grow without limit while the row that blocks a search is pushed in vain."""
-    pivot = _choose_row(state, bounds)
-    ray = jnp.where(pivot.mask, 1, jnp.where(state.tableau.sides != 0, -pivot.column, 0))
-    return jnp.where(state.blocked, jnp.where(pivot.upward, ray, -ray), 0)
+def contradiction(found: ActiveSet, bounds: RowBounds) -> Float[Array, " m *b"]:
+    """The multipliers that grow without limit while the row that blocks a search is pushed in vain; else zero."""
+    row = jnp.abs(found.blocker) - 1
+    ray = jnp.where(found.sides != 0, -_take_row(found.matrix, jnp.maximum(row, 0)), 0)
+    return jnp.where(bounds.rows == row, 1, ray) * jnp.sign(found.blocker).astype(ray.dtype)
 
 
 def find_active_set(
@@ -281,7 +283,16 @@ def find_active_set(
     if priority is not None:
         tableau, pivots = _sweep_in(tableau, bounds, priority, thresholds.pivot)
     none = jnp.full(batch, m)
-    state = _Search(tableau, none, jnp.zeros(batch, dtype), none, frozen, jnp.zeros(batch, bool), pivots)
+    state = _Search(
+        tableau,
+        none,
+        jnp.zeros(batch, dtype),
+        none,
+        frozen,
+        jnp.zeros(batch, bool),
+        jnp.zeros(batch, bounds.rows.dtype),
+        pivots,
+    )
     state = jax.lax.while_loop(
         lambda s: jnp.any(~(s.solved | s.blocked)) & (s.pivots < limit),
         lambda s: _pivot_step(s, bounds, thresholds),
@@ -289,5 +300,4 @@ def find_active_set(
     )
     matrix, values, sides = state.tableau
     y = jnp.where(sides != 0, values, 0)
-    ray = jax.lax.cond(jnp.any(state.blocked), lambda: _contradiction(state, bounds), lambda: jnp.zeros_like(y))
-    return ActiveSet(sides, y, matrix, state.solved, state.blocked, ray, state.pivots)
+    return ActiveSet(sides, y, matrix, state.solved, state.blocked, state.blocker, state.pivots)

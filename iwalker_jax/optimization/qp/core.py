@@ -14,7 +14,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from iwalker_jax.optimization.qp.active_set import ActiveSet, Tableau, Thresholds, find_active_set, row_bounds
+from iwalker_jax.optimization.qp.active_set import (
+    ActiveSet,
+    Tableau,
+    Thresholds,
+    contradiction,
+    find_active_set,
+    row_bounds,
+)
 from iwalker_jax.optimization.qp.admm import Splitting, admm
 from iwalker_jax.optimization.qp.certificates import (
     cancelling,
@@ -34,18 +41,18 @@ from iwalker_jax.optimization.qp.scaling import (
 )
 from iwalker_jax.optimization.qp.settings import QpSettings
 from iwalker_jax.optimization.qp.verdicts import (
+    DEPENDENT,
     QpIterate,
     ScaledProgram,
     admissible_multipliers,
     assess,
     keep_better,
+    nearly_feasible,
     rate,
 )
 from iwalker_jax.optimization.solution import Status
 from iwalker_jax.promotion import usual_promotion
 
-DEPENDENT = {4: 2e-5, 8: 1e-10}
-"""Schur complement that counts as zero, by the bytes of a number."""
 ELASTIC = {4: 1e-3, 8: 1e-6}  # by the bytes of a number; relative to the unit diagonal of S
 _SLACK, _LOOSE = 20, 1000  # violations taken for rounding: in units of eps, and of that
 
@@ -92,10 +99,11 @@ def solve_core(
 ) -> QpIterate:
     """Solve a batch of finite programs with low <= high from the guess (x, y); multipliers are those of C's rows."""
     dtype, batch = q.dtype, q.shape[1:]
-    given = ProgramArrays(P, q, C, low, high)
-    scaling = equilibrate(given)
-    P, q, C, low, high = scale_program(given, scaling)
-    x, y = scale_point(scaling, x, y)
+    if not settings.well_posed:
+        given = ProgramArrays(P, q, C, low, high)
+        scaling = equilibrate(given)
+        P, q, C, low, high = scale_program(given, scaling)
+        x, y = scale_point(scaling, x, y)
     factor = factorise(P, C)
     # A row of zeros cannot be moved: it stays out of the search and is judged relative to its own bound.
     empty = factor.lengths == 0
@@ -136,8 +144,11 @@ def solve_core(
         )
     best = state.best
     status = jnp.where(contradiction | state.infeasible, Status.INFEASIBLE, best.status)
-    status = jnp.where(proves_not_convex(P, factor), Status.NOT_CONVEX, status)
-    x, y = unscale_point(scaling, best.x, best.y * factor.lengths)
+    steep = factor.pivot < -30 * jnp.finfo(dtype).eps ** 0.5
+    status = jnp.where(steep if settings.well_posed else proves_not_convex(P, factor), Status.NOT_CONVEX, status)
+    x, y = best.x, best.y * factor.lengths
+    if not settings.well_posed:
+        x, y = unscale_point(scaling, x, y)
     return best._replace(x=x, y=y, status=status.astype(jnp.int32))
 
 
@@ -153,26 +164,27 @@ def _run_round(program: ScaledProgram, settings: QpSettings, state: _State) -> _
     tolerance = settings.tolerance_for(program.q.dtype)
     subproblem = _subproblem(program, state)
     found, x, y = _refined(program, settings, state, subproblem, _search(program, settings, state, subproblem))
-    assessment = assess(program, found, x, y, tolerance)
-    iterate = rate(program, found, x, assessment, tolerance)
+    assessment = assess(program, found, x, y, tolerance, settings.well_posed)
+    iterate = rate(program, found, x, assessment, tolerance, settings.well_posed)
     blocked = state.elastic | found.blocked
     # Proofs of failure are rare and not looked for where no problem of the chunk gives cause.
     never = jnp.zeros(blocked.shape, bool)
 
     def contradicted() -> tuple[Array, Array, Array]:
         still, violation = violates_least(program, assessment)
-        ray = jnp.where(found.blocked, cancelling(program, found, found.ray), state.ray)
+        ray = jnp.where(found.blocked, cancelling(program, found, contradiction(found, program.bounds)), state.ray)
         proven = proves_infeasible(program, ray, x)
         proven |= state.elastic & proves_infeasible(program, cancelling(program, found, violation), x)
         return blocked & proven & ~state.done, still, ray
 
     infeasible, still, ray = jax.lax.cond(jnp.any(blocked), contradicted, lambda: (never, never, state.ray))
     infeasible |= state.infeasible
-    drifting = ~blocked & (jnp.max(program.factor.excess, axis=0) > 0) & assessment.feasible
-    drifting &= iterate.residual > tolerance
-    unbounded = drifting & jax.lax.cond(
-        jnp.any(drifting), lambda: proves_unbounded(program, found, x - state.centre), lambda: never
-    )
+    drifting = ~blocked & (jnp.max(program.factor.excess, axis=0) > 0) & (iterate.residual > tolerance)
+
+    def descending() -> Array:
+        return proves_unbounded(program, found, x - state.centre) & nearly_feasible(program, assessment, x, tolerance)
+
+    unbounded = drifting & jax.lax.cond(jnp.any(drifting), descending, lambda: never)
     # The point of least violation is worth more rounds than the proof.
     proven = unbounded | (infeasible & (still if settings.rounds > 1 else True))
     iterate = iterate._replace(status=jnp.where(unbounded, Status.UNBOUNDED, iterate.status).astype(jnp.int32))
@@ -274,11 +286,12 @@ def _refine(
     found = after._replace(
         solved=jnp.where(held, found.solved, after.solved),
         blocked=found.blocked | after.blocked,
+        blocker=jnp.where(found.blocked, found.blocker, after.blocker),
         pivots=found.pivots + after.pivots,
     )
     y += change
     tolerance = settings.tolerance_for(dtype)
-    settled = settled | (assess(program, found, x, y, tolerance).residual <= tolerance)
+    settled = settled | (assess(program, found, x, y, tolerance, settings.well_posed).residual <= tolerance)
     return _Refinement(found, x, y, settled, corrections + 1)
 
 

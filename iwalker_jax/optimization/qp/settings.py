@@ -21,6 +21,10 @@ class QpSettings:
         tolerance: largest relative residual of a converged solve (see `solve_qp`); None takes 1e-4 in single and
             1e-8 in double precision.
         penalty: ADMM's first penalty in the metric of the cost, where 1 is natural; 1000 times it for equalities.
+        well_posed: whether all programs are known to be strictly convex, with variables of similar sizes, and their
+            redundant rows (which touch their bound and depend on the active ones) to be constants: then all errors
+            count in the metric of the cost alone, and no time goes into scaling, into proving that a program is not
+            convex, and into the derivatives by redundant rows.
     """
 
     rounds: int = 20
@@ -30,6 +34,7 @@ class QpSettings:
     relaxation: float = 1.6
     tolerance: float | None = None
     penalty: float = 1.0
+    well_posed: bool = False
 
     def __post_init__(self) -> None:
         counts = {"rounds": self.rounds, "pivots": self.pivots or 1, "admm_iterations": self.admm_iterations}
@@ -50,5 +55,9 @@ class QpSettings:
 
 
 def control_settings(pivots: int = 60, refinements: int = 1) -> QpSettings:
-    """One warm-started search and no second chance: for a control loop, whose next tick is the second chance."""
-    return QpSettings(rounds=1, pivots=pivots, refinements=refinements)
+    """One warm-started search and no second chance: for a control loop, whose next tick is the second chance.
+
+    Its programs are taken to be well posed: scaled by construction, and the friction cone of a foot in the air, of
+    which all rows touch at once, a constant.
+    """
+    return QpSettings(rounds=1, pivots=pivots, refinements=refinements, well_posed=True)

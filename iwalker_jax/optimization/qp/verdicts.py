@@ -14,6 +14,10 @@ from iwalker_jax.optimization.qp.factor import Factor, apply, apply_transposed, 
 from iwalker_jax.optimization.solution import Status
 
 _NOISE = 64  # roundings that a sum of products is granted, relative to the sum of its terms' sizes
+DEPENDENT = {4: 2e-5, 8: 1e-10}
+"""Schur complement that counts as zero, by the bytes of a number."""
+_ROW_SHARE = 1 / 128  # of the tolerance: rows that miss each other by a tolerance are not to look met
+_ROW_NOISE = 16  # roundings that a row's value is granted: refinement reaches that
 _LEAST_CURVATURE = {4: 1e-3, 8: 1e-6}  # reduced curvature of a unique minimiser, by the bytes of a number
 
 
@@ -63,14 +67,12 @@ class Assessment(NamedTuple):
         values: (m, *b) scaled constraint values w.
         residual: (*b,) see `optimality_residual`.
         scale: (*b,) size of the solution in the metric of the cost.
-        feasible: (*b,) bool, all rows hold nearly.
     """
 
     y: Float[Array, " m *b"]
     values: Float[Array, " m *b"]
     residual: Float[Array, "*b"]
     scale: Float[Array, "*b"]
-    feasible: Bool[Array, "*b"]
 
 
 def noise(dtype: jnp.dtype) -> float:
@@ -97,7 +99,7 @@ def admissible_multipliers(bounds: RowBounds, y: Float[Array, " m *b"]) -> Float
 
 
 def optimality_residual(
-    program: ScaledProgram, x: Float[Array, " n *b"], y: Float[Array, " m *b"], tolerance: float
+    program: ScaledProgram, x: Float[Array, " n *b"], y: Float[Array, " m *b"], tolerance: float, well_posed: bool
 ) -> Assessment:
     """Judge a point whose multipliers have their signs.
 
@@ -105,6 +107,7 @@ def optimality_residual(
     that too much to ask, variable by variable relative to the rounding of its own terms. The latter alone counts where
     the cost is singular and its metric in part made up. Violation and complementarity count row by row, relative to
     the row's own bound but for the rounding of its own terms: in one scale for all, large rows would hide small ones.
+    In programs that are known to be well posed all count in the metric of the cost alone.
     """
     factor, low, high = program.factor, program.bounds.low, program.bounds.high
     values = apply(program.C, x) * factor.lengths
@@ -115,15 +118,23 @@ def optimality_residual(
     bound = jnp.where(y > 0, high, low)
     complementarity = jnp.where(y != 0, jnp.abs(values - bound), 0)
     energy = jnp.sqrt(jnp.maximum(jnp.sum(x * (image + factor.excess * x), axis=0), 0))
-    metric = relative(largest(stationarity), energy)
-
     cost = apply(factor.root, program.q)
     free = jnp.sqrt(jnp.sum(cost * cost, axis=0))
+    floor = jnp.sqrt(jnp.finfo(x.dtype).eps) * free
+    scale = jnp.maximum(energy, jnp.maximum(floor, largest(jnp.where(y != 0, bound, 0))))
+    scale = jnp.maximum(scale, jnp.finfo(x.dtype).tiny)
+    miss = jnp.maximum(violation, complementarity)
+    if well_posed:
+        residual = jnp.maximum(largest(stationarity), largest(miss)) / scale
+        return Assessment(y, values, jnp.where(jnp.isfinite(residual), residual, jnp.inf), scale)
+
+    metric = relative(largest(stationarity), energy)
     rounding, size, nothing = noise(x.dtype), jnp.abs(x), speck(x.dtype) * jnp.maximum(energy, free)
     terms = apply(jnp.abs(program.C), size) * factor.lengths
-    miss = jnp.maximum(violation, complementarity)
     nearest = jnp.abs(jnp.clip(values, low, high))
-    row = largest(relative(miss, tolerance * nearest + rounding * terms + nothing))
+    eps = float(jnp.finfo(x.dtype).eps)
+    allowed = _ROW_SHARE * tolerance * nearest + _ROW_NOISE * eps * terms + eps / 4 * energy
+    row = largest(relative(miss, allowed))
     singular = jnp.max(factor.excess, axis=0) > 0
 
     def by_variable() -> Array:
@@ -134,53 +145,75 @@ def optimality_residual(
 
     dual = jax.lax.cond(jnp.any(singular | ~(metric <= tolerance)), by_variable, lambda: metric)
     residual = jnp.maximum(dual, tolerance * row)
-    floor = jnp.sqrt(jnp.finfo(x.dtype).eps) * free
-    scale = jnp.maximum(energy, jnp.maximum(floor, largest(jnp.where(y != 0, bound, 0))))
-    scale = jnp.maximum(scale, jnp.finfo(x.dtype).tiny)
     residual = jnp.where(jnp.isfinite(residual) & jnp.isfinite(scale), residual, jnp.inf)
-    feasible = largest(relative(violation, tolerance**0.5 * terms + nothing)) <= 1
-    return Assessment(y, values, residual, scale, feasible)
+    return Assessment(y, values, residual, scale)
+
+
+def nearly_feasible(
+    program: ScaledProgram, assessment: Assessment, x: Float[Array, " n *b"], tolerance: float
+) -> Bool[Array, "*b"]:
+    """Whether all rows hold but for the square root of the tolerance, relative to their terms."""
+    values, bounds = assessment.values, program.bounds
+    violation = jnp.maximum(jnp.maximum(values - bounds.high, bounds.low - values), 0)
+    terms = apply(jnp.abs(program.C), jnp.abs(x)) * program.factor.lengths
+    nothing = speck(x.dtype) * assessment.scale
+    return largest(relative(violation, tolerance**0.5 * terms + nothing)) <= 1
 
 
 def assess(
-    program: ScaledProgram, found: ActiveSet, x: Float[Array, " n *b"], y: Float[Array, " m *b"], tolerance: float
+    program: ScaledProgram,
+    found: ActiveSet,
+    x: Float[Array, " n *b"],
+    y: Float[Array, " m *b"],
+    tolerance: float,
+    well_posed: bool,
 ) -> Assessment:
     """Judge the point of an active set."""
     bounds = program.bounds
     y = admissible_multipliers(bounds, jnp.where(found.sides * y < 0, jnp.where(bounds.equality, y, 0), y))
-    return optimality_residual(program, x, y, tolerance)
+    return optimality_residual(program, x, y, tolerance, well_posed)
 
 
 def rate(
-    program: ScaledProgram, found: ActiveSet, x: Float[Array, " n *b"], assessment: Assessment, tolerance: float
+    program: ScaledProgram,
+    found: ActiveSet,
+    x: Float[Array, " n *b"],
+    assessment: Assessment,
+    tolerance: float,
+    well_posed: bool,
 ) -> QpIterate:
     """The point of an active set with its verdict, CONVERGED or MAX_ITERATIONS, and what its derivatives are worth."""
     residual = assessment.residual
     status = jnp.where(residual <= tolerance, Status.CONVERGED, Status.MAX_ITERATIONS).astype(jnp.int32)
-    regular, margin = regularity(program, found, assessment, tolerance)
+    regular, margin = regularity(program, found, assessment, tolerance, well_posed)
     return QpIterate(x, assessment.y, found.sides.astype(jnp.int32), status, residual, regular, margin, found.pivots)
 
 
 def regularity(
-    program: ScaledProgram, found: ActiveSet, assessment: Assessment, tolerance: float
+    program: ScaledProgram, found: ActiveSet, assessment: Assessment, tolerance: float, well_posed: bool
 ) -> tuple[Bool[Array, "*b"], Float[Array, "*b"]]:
     """Whether the solution may be differentiated by every entry of the program, and by what margin.
 
     The margin is the least of three: how far an inactive row is from its bounds, how far an active inequality would
     move if it were released, both in the metric of the cost relative to the solution's size, and the least curvature
     of the cost in the directions that the active rows leave free, relative to the metric. A row at its bound that
-    depends on the active ones counts: moving its bound moves the solution on one side only.
+    depends on the active ones counts: moving its bound moves the solution on one side only. In programs that are known
+    to be well posed it does not count, and the curvature is not looked at.
     """
     bounds, factor, values, y = program.bounds, program.factor, assessment.values, assessment.y
     active = found.sides != 0
     diagonal = jnp.stack([found.matrix[i, i] for i in range(y.shape[0])])
     push = jnp.abs(y) / jnp.maximum(-diagonal, 1e-30)
     room = jnp.maximum(jnp.minimum(bounds.high - values, values - bounds.low), 0)
+    if well_posed:
+        room = jnp.where(diagonal > DEPENDENT[y.dtype.itemsize], room, jnp.inf)
     distance = jnp.where(active, jnp.where(bounds.equality, jnp.inf, push), room)
     nearest = fold(jnp.minimum, distance) / assessment.scale
     cost = apply(factor.root, program.q)
     rounding = noise(y.dtype) * jnp.sqrt(jnp.sum(cost * cost, axis=0)) / assessment.scale
     least = jnp.maximum(jnp.maximum(4 * assessment.residual, tolerance / 10), rounding)
+    if well_posed:
+        return (nearest > least) & ~(jnp.max(factor.excess, axis=0) > 0), nearest
     curvature = jax.lax.cond(
         jnp.any(factor.excess > 0), lambda: reduced_curvature(factor, found), lambda: jnp.ones_like(nearest)
     )

@@ -163,7 +163,7 @@ def test_batches_of_any_size_and_shape(x64, n, m):
     assert np.any(np.asarray(solution.value.sides) != 0)
 
 
-@pytest.mark.parametrize("settings", [QpSettings(), control_settings()], ids=["default", "control"])
+@pytest.mark.parametrize("settings", [QpSettings(well_posed=True), control_settings()], ids=["default", "control"])
 def test_whole_body_torques(settings):
     """Oracle: Clarabel. Warm-started along a walk with pushes, torques are within 1 % and constraints within 1e-3."""
     walk = whole_body_qps(120, seed=5)

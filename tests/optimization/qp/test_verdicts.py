@@ -24,7 +24,7 @@ def test_ugly_programs_are_judged_truly(x64, dtype):
     for name, counts in count_verdicts(12, 5, dtype).items():
         silent = counts.pop("no claim")
         assert not any(counts.values()), (name, counts)
-        assert silent <= 6, name
+        assert silent <= 9, name
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
