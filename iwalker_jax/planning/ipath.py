@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float
 
+from iwalker_jax.checks import Scalar
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import CameraMount, Intrinsics, backproject
 from iwalker_jax.planning.goal_scan import SCAN_CHANNELS, GoalScan, goal_scan
@@ -76,7 +77,7 @@ class IPathOutput(NamedTuple):
     fear: Float[Array, " batch"]
 
 
-def reduced_goal(goal: Float[Array, "*batch 2"], reach: float) -> Float[Array, "*batch 2"]:
+def reduced_goal(goal: Float[Array, "*batch 2"], reach: Scalar) -> Float[Array, "*batch 2"]:
     """The goal [m], pulled in to `reach` along its bearing; non-finite goals become the origin (stay)."""
     finite = jnp.all(jnp.isfinite(goal), axis=-1, keepdims=True)
     goal = jnp.where(finite, goal, 0.0)
