@@ -191,7 +191,7 @@ def coarse_mean(field: Float[Array, "n n"]) -> Float[Array, "quarter quarter"]:
 
 
 def _reachable_near(
-    to_go: Float[Array, "quarter quarter"], grid: GridSpec, point: Float[Array, "2"], radius: float
+    to_go: Float[Array, "quarter quarter"], grid: GridSpec, point: Float[Array, "2"], radius: Scalar
 ) -> Bool[Array, ""]:
     """Whether a way leads on from some cell within a radius [m] of a point, noise in its own cell or not."""
     near = jnp.sum((grid.centres() - point) ** 2, axis=-1) < radius**2
