@@ -16,8 +16,8 @@ import jaxtyping  # noqa: E402
 
 import tests.type_checker  # noqa: E402, F401
 
-# If asked for, every module imported from here on has its types and shapes checked at each call.
-if os.environ.get("IWALKER_CHECK_TYPES") == "1":
+# Every module imported from here on has its types and shapes checked at each call, unless that is not wanted.
+if os.environ.get("IWALKER_CHECK_TYPES", "1") != "0":
     jaxtyping.install_import_hook("iwalker_jax", "tests.type_checker.checked")
 
 from bruce_model import load_mujoco  # noqa: E402
@@ -44,7 +44,7 @@ def x64():
 
 @pytest.fixture
 def unchecked_types():
-    """Let a call that is wrong on purpose reach the function's own check, in a run that checks types and shapes too."""
+    """Let a call that is wrong on purpose reach the function's own check, although types and shapes are checked."""
     before = jaxtyping.config.jaxtyping_disable
     jaxtyping.config.update("jaxtyping_disable", True)
     yield

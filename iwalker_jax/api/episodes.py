@@ -8,6 +8,7 @@ from iwalker_jax.api.planner import load_with_config
 from iwalker_jax.evaluation.episodes import EpisodeMetrics, episode_metrics, judged, row_of
 from iwalker_jax.navigation import EpisodeProgram, EpisodeRecord, Faults, Outcome, make_navigator
 from iwalker_jax.tasks.named import named_task
+from iwalker_jax.tasks.reachability import check_task
 from iwalker_jax.tasks.task import Task
 from iwalker_jax.walking import Disturbances, Sensors
 
@@ -44,6 +45,7 @@ def run_episodes(
     disturbances: Disturbances = Disturbances(),
     faults: Sequence[Faults] | None = None,
     images: bool = False,
+    unreachable: bool = False,
     seed: int = 0,
     width: int = 20,
     devices: int | None = None,
@@ -60,17 +62,22 @@ def run_episodes(
         disturbances: from which each robot's friction, mass and start are drawn.
         faults: of camera, odometry and scene, one a task; none by default.
         images: whether to record depth and map of every frame.
+        unreachable: whether the robot shall find out for itself that no way leads to a goal; refused otherwise.
         seed: of conditions, sensors and depth noise, and of the tasks given by name.
         width: episodes at a time.
         devices: number of devices, all by default.
         on_progress: hears of the robot-seconds simulated so far, and of the episodes still running.
 
     Raises:
-        InputError: for an unknown task or policy, or options out of range.
+        InputError: for an unknown task or policy, a task whose start or goals are outside, in an obstacle or cut off,
+            or options out of range.
         CheckpointError: if the run's networks cannot be read.
     """
     several = (tasks,) if isinstance(tasks, (str, Task)) else tasks
     chosen = tuple(named_task(task, seed) if isinstance(task, str) else task for task in several)
+    for task in several:
+        if not isinstance(task, str):
+            check_task(task, unreachable)
     planner, _ = load_with_config(run)
     navigator = make_navigator(policy, planner, sensors, depth_noise)
     program = EpisodeProgram(navigator, max(1, min(width, len(chosen))), devices, images, disturbances)

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from iwalker_jax.checks import Scalar
 from iwalker_jax.control.footstep_plan import FootstepPlan
 from iwalker_jax.control.gait_modes import change_mode
 from iwalker_jax.control.gait_state import (
@@ -51,7 +52,7 @@ def initial_gait(gait: GaitParameters, posture: Posture) -> GaitState:
 def advance_gait(
     gait: GaitParameters,
     gains: SteppingGains,
-    capture_gain: float,
+    capture_gain: Scalar,
     time_step: float,
     posture: Posture,
     plan: FootstepPlan,
@@ -93,7 +94,7 @@ def advance_gait(
 def _standing_pressure(
     gait: GaitParameters,
     rate: Float[Array, ""],
-    capture_gain: float,
+    capture_gain: Scalar,
     blend: Float[Array, ""],
     posture: Posture,
     plan: FootstepPlan,

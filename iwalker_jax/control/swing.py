@@ -5,6 +5,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from iwalker_jax.checks import Scalar
+
 _SHORTEST = 0.01  # s; the last stretch is followed as if this much time were left, which bounds the acceleration
 
 
@@ -44,9 +46,9 @@ def rise_and_fall(
     phase: Float[Array, ""],
     phase_rate: Float[Array, ""],
     start: Float[Array, ""],
-    height: float,
-    landing_speed: float,
-    step_time: float,
+    height: Scalar,
+    landing_speed: Scalar,
+    step_time: Scalar,
 ) -> TrajectoryPoint:
     """Vertical motion of the swing foot: `start` at phase 0, `height` at 1/2, 0 with `landing_speed` downward at 1.
 

@@ -11,7 +11,7 @@ from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.geometry import host
 from iwalker_jax.perception import UNREACHABLE, Intrinsics, descend
 from iwalker_jax.scenes import (
-    SCENE_GRID,
+    SCENE_RESOLUTION,
     DepthNoise,
     Scene,
     SceneArrays,
@@ -20,6 +20,7 @@ from iwalker_jax.scenes import (
     render_depth,
     world_camera_pose,
 )
+from iwalker_jax.scenes.grid_distance import scene_grid_of
 
 
 def record_camera_path(
@@ -66,7 +67,7 @@ def record_camera_path(
 
 @jax.jit
 def _descend(cost: Float[Array, "rows columns"], start: Float[Array, " 2"]) -> Float[Array, "steps 2"]:
-    return descend(cost, SCENE_GRID, start, 2 * max(SCENE_GRID.shape))
+    return descend(cost, scene_grid_of(cost.shape[0]), start, 2 * max(cost.shape))
 
 
 _clearance = jax.jit(obstacle_distance)
@@ -129,7 +130,7 @@ def _random_route(
 
 
 def _cell_centre(cell: Int[np.ndarray, " 2"], origin: Float[np.ndarray, " 2"]) -> Float[np.ndarray, " 2"]:
-    return origin + (cell + 0.5) * SCENE_GRID.resolution
+    return origin + (cell + 0.5) * SCENE_RESOLUTION
 
 
 def _poses_along(

@@ -57,7 +57,7 @@ def frames_from_episodes(
         poses = np.asarray(record.base[k, chosen - 1], np.float32)
         aims = np.asarray(record.goal[k, chosen])
         reach = {aim: cells_that_reach(task.scene, task.goals[aim]) for aim in np.unique(aims)}
-        origin = np.asarray(task.scene.bounds[:2])
+        origin = np.asarray(task.scene.bounds[:2], float)
         aimed = [
             reachable_goals(pose[None], task.goals[aim], reach[aim], origin, rng, sampling)
             for pose, aim in zip(poses, aims, strict=True)

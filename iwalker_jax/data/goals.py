@@ -8,11 +8,11 @@ from jaxtyping import Array, Bool, Float, Float32
 from iwalker_jax.data.path_sampling import CameraPathSampling
 from iwalker_jax.geometry import host
 from iwalker_jax.perception import UNREACHABLE
-from iwalker_jax.scenes import SCENE_GRID, Scene, SceneArrays, free_cells, route_map
+from iwalker_jax.scenes import SCENE_RESOLUTION, Scene, SceneArrays, free_cells, route_map
 
 
 def cells_that_reach(scene: Scene, goal: Float[np.ndarray, " 2"]) -> Bool[np.ndarray, "rows columns"]:
-    """Free cells of `SCENE_GRID` from which a goal [m, world] can be reached."""
+    """Free cells of the scene's grid from which a goal [m, world] can be reached."""
     arrays = scene.arrays()
     costs = np.asarray(costs_to_goal(arrays, jnp.asarray(goal, jnp.float32)))
     return np.asarray(walkable_cells(arrays)) & (costs < UNREACHABLE)
@@ -20,13 +20,13 @@ def cells_that_reach(scene: Scene, goal: Float[np.ndarray, " 2"]) -> Bool[np.nda
 
 @jax.jit
 def walkable_cells(scene: SceneArrays) -> Bool[Array, "rows columns"]:
-    """Cells of `SCENE_GRID` where the body fits."""
+    """Cells of the scene's grid where the body fits."""
     return free_cells(scene)
 
 
 @jax.jit
 def costs_to_goal(scene: SceneArrays, goal: Float[Array, " 2"]) -> Float[Array, "rows columns"]:
-    """Cost of the comfortable route to a goal [m, world] from every cell of `SCENE_GRID`."""
+    """Cost of the comfortable route to a goal [m, world] from every cell of the scene's grid."""
     return route_map(scene, goal).cost
 
 
@@ -43,11 +43,11 @@ def reachable_goals(
     Args:
         poses: (n, 3) base poses in the scene.
         end: (2,) [m] the route's end.
-        cells: cells of `SCENE_GRID` that can be reached; origin: (2,) [m] of the grid in the scene.
+        cells: cells of the scene's grid that can be reached; origin: (2,) [m] of the grid in the scene.
         rng: of the draws.
         sampling: how many and how far.
     """
-    candidates = np.argwhere(cells) * SCENE_GRID.resolution + origin + 0.5 * SCENE_GRID.resolution
+    candidates = np.argwhere(cells) * SCENE_RESOLUTION + origin + 0.5 * SCENE_RESOLUTION
     goals = np.zeros((len(poses), sampling.goals_per_frame, 2), np.float32)
     for i, (x, y, yaw) in enumerate(poses):
         offset = candidates - (x, y)

@@ -14,13 +14,16 @@ from jaxtyping import Array, Float, Int
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, safe_sqrt
 from iwalker_jax.robot import RobotModel, body_poses
-from iwalker_jax.scenes import BURIED, SceneArrays
+from iwalker_jax.scenes import BURIED, SCENE_CAPACITIES, SceneArrays
 
 TOLERANCE = 0.01
 """[m] by which spheres may stand out of the body or fall short of its surface, at most."""
 
 NEAR_BOXES, NEAR_CYLINDERS = 32, 16
-"""Obstacles that a clearance looks at; more than the densest scenes have within a step of the body."""
+"""Obstacles that a clearance looks at; more than the densest small scenes have within a step of the body."""
+
+NEAR_BOXES_OF_MANY = 192
+"""Of scenes beyond the small ones, whose scanned surfaces consist of many boxes as small as a voxel."""
 
 _VOLUME_GROUP = 2
 _MOST_CELLS = 24
@@ -78,9 +81,9 @@ def body_clearance(
 ) -> Float[Array, ""]:
     """Least signed distance [m] between the body and the scene's boxes and cylinders; negative where they overlap.
 
-    Exact for the spheres, among the `NEAR_BOXES` boxes and `NEAR_CYLINDERS` cylinders nearest to the body's middle;
-    floor and ceiling do not count, nor what ends at `BODY.step_over` or below. Inside an
-    obstacle it is minus the way out of that obstacle.
+    Exact for the spheres, among the `NEAR_BOXES` boxes (in large scenes `NEAR_BOXES_OF_MANY`) and `NEAR_CYLINDERS`
+    cylinders nearest to the body's middle; floor and ceiling do not count, nor what ends at `BODY.step_over` or below.
+    Inside an obstacle it is minus the way out of that obstacle.
 
     Args:
         volume: the body's spheres.
@@ -93,7 +96,8 @@ def body_clearance(
     boxes, cylinders = (
         _without_low(rows.astype(centres.dtype), half) for rows, half in ((scene.boxes, 5), (scene.cylinders, 4))
     )
-    boxes = boxes[lax.top_k(-_to_boxes(middle, boxes)[0], NEAR_BOXES)[1]]
+    near = NEAR_BOXES if len(boxes) < SCENE_CAPACITIES[1].boxes else NEAR_BOXES_OF_MANY
+    boxes = boxes[lax.top_k(-_to_boxes(middle, boxes)[0], near)[1]]
     cylinders = cylinders[lax.top_k(-_to_cylinders(middle, cylinders)[0], NEAR_CYLINDERS)[1]]
     nearest = jnp.minimum(_to_boxes(centres, boxes).min(axis=1), _to_cylinders(centres, cylinders).min(axis=1))
     return jnp.min(nearest - volume.radii)

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple, get_args
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from iwalker_jax.checks import Scalar
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, arc_length, interpolate_along, resample_by_arc_length, to_base, to_world
 from iwalker_jax.navigation.map_memory import MapMemory, MapMemoryParameters, memory_cells, update_memory, window_origin
@@ -190,7 +191,7 @@ def coarse_mean(field: Float[Array, "n n"]) -> Float[Array, "quarter quarter"]:
 
 
 def _reachable_near(
-    to_go: Float[Array, "quarter quarter"], grid: GridSpec, point: Float[Array, "2"], radius: float
+    to_go: Float[Array, "quarter quarter"], grid: GridSpec, point: Float[Array, "2"], radius: Scalar
 ) -> Bool[Array, ""]:
     """Whether a way leads on from some cell within a radius [m] of a point, noise in its own cell or not."""
     near = jnp.sum((grid.centres() - point) ** 2, axis=-1) < radius**2
@@ -202,6 +203,6 @@ def _cost_at(to_go: Float[Array, "quarter quarter"], grid: GridSpec, point: Floa
     return to_go[cell[0], cell[1]]
 
 
-def _on_route(route: Float[Array, "points 2"], distance: float) -> Float[Array, "2"]:
+def _on_route(route: Float[Array, "points 2"], distance: Scalar) -> Float[Array, "2"]:
     """The point of a route at a distance [m] along it, or its end."""
     return interpolate_along(arc_length(route), route, jnp.full(1, distance, route.dtype))[0]

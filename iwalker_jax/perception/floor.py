@@ -9,6 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from iwalker_jax.checks import Scalar
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.depth_cleanup import check_image_size
@@ -141,7 +142,7 @@ def _proposals(depth: Float[Array, "height width"], intrinsics: Intrinsics) -> F
     return jnp.where(usable[:, None], plane, 0.0)
 
 
-def _inverse(depth: Float[Array, "*n"], max_depth: float) -> Float[Array, "*n"]:
+def _inverse(depth: Float[Array, "*n"], max_depth: Scalar) -> Float[Array, "*n"]:
     """1/z [1/m], 0 for no return and beyond max_depth."""
     usable = (depth > 0.0) & (depth <= max_depth)
     return jnp.where(usable, 1.0 / jnp.where(usable, depth, 1.0), 0.0)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float
 
+from iwalker_jax.checks import Scalar
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import CameraMount, Intrinsics, backproject
 from iwalker_jax.planning.goal_scan import SCAN_CHANNELS, GoalScan, goal_scan
@@ -32,6 +33,8 @@ class IPathConfig:
         goal_is_end: replace the last waypoint by the goal, as published; otherwise the end point is free.
         even: space the waypoints evenly by construction, see `evenly_spaced`; the published network leaves it to the
             losses.
+        equivariant: average the network over a frame and its mirror image, so that the plan of the mirrored frame is
+            the mirrored plan by construction; the published network, which the losses alone make nearly so, is not.
     """
 
     variant: Literal["light", "paper"] = "light"
@@ -45,6 +48,7 @@ class IPathConfig:
     scan: GoalScan = GoalScan()
     goal_is_end: bool = False
     even: bool = True
+    equivariant: bool = True
 
     def __post_init__(self) -> None:
         if self.variant not in ("light", "paper"):
@@ -73,7 +77,7 @@ class IPathOutput(NamedTuple):
     fear: Float[Array, " batch"]
 
 
-def reduced_goal(goal: Float[Array, "*batch 2"], reach: float) -> Float[Array, "*batch 2"]:
+def reduced_goal(goal: Float[Array, "*batch 2"], reach: Scalar) -> Float[Array, "*batch 2"]:
     """The goal [m], pulled in to `reach` along its bearing; non-finite goals become the origin (stay)."""
     finite = jnp.all(jnp.isfinite(goal), axis=-1, keepdims=True)
     goal = jnp.where(finite, goal, 0.0)
@@ -120,14 +124,35 @@ class IPath(nnx.Module):
         """
         config = self.config
         near_goal = reduced_goal(goal, config.goal_reach)
-        if config.variant == "paper":
-            waypoints, fear = self.head(self.trunk(depth[..., None]), near_goal)
-        else:
+        points = None
+        if config.variant == "light":
             if mount is None:
                 mount = jnp.broadcast_to(config.mount.as_array(), (depth.shape[0], 5))
-            image, scan = _light_input(depth, near_goal, mount, config)
-            waypoints, fear = self.head(self.trunk(image), scan, near_goal)
+            points = jax.vmap(lambda image, pose: backproject(image, config.camera, pose))(depth, mount)
+        if config.equivariant:
+            # Points, not pixels, are mirrored: that is exact wherever the camera looks and its principal point lies.
+            mirror = jnp.asarray([1.0, -1.0], near_goal.dtype)
+            both = jnp.concatenate([depth, depth[:, :, ::-1]])
+            if points is not None:
+                points = jnp.concatenate([points, points[:, :, ::-1] * jnp.asarray([1.0, -1.0, 1.0], points.dtype)])
+            waypoints, fear = self._seen(both, points, jnp.concatenate([near_goal, near_goal * mirror]))
+            (seen, mirrored), (seen_fear, mirrored_fear) = jnp.split(waypoints, 2), jnp.split(fear, 2)
+            waypoints, fear = (seen + mirrored * mirror) / 2, (seen_fear + mirrored_fear) / 2
+        else:
+            waypoints, fear = self._seen(depth, points, near_goal)
         return IPathOutput(self.constrained(waypoints, near_goal), fear)
+
+    def _seen(
+        self,
+        depth: Float[Array, "batch h w"],
+        points: Float[Array, "batch h w 3"] | None,
+        near_goal: Float[Array, "batch 2"],
+    ) -> tuple[Float[Array, "batch k 2"], Float[Array, " batch"]]:
+        """Free waypoints and fear of one view; the light variant also sees the points of its pixels [m]."""
+        if points is None:
+            return self.head(self.trunk(depth[..., None]), near_goal)
+        image, scan = _light_input(depth, points, near_goal, self.config)
+        return self.head(self.trunk(image), scan, near_goal)
 
     def constrained(
         self, waypoints: Float[Array, "*batch k 2"], near_goal: Float[Array, "*batch 2"]
@@ -148,8 +173,8 @@ _LIGHT_CHANNELS = 6
 
 def _light_input(
     depth: Float[Array, "batch h w"],
+    points: Float[Array, "batch h w 3"],
     goal: Float[Array, "batch 2"],
-    mount: Float[Array, "batch 5"],
     config: IPathConfig,
 ) -> tuple[Float[Array, "batch half_h half_w c"], Float[Array, "batch features"]]:
     """What the light variant sees in each pixel: inverse depth, and where its point lies relative to the goal; and the
@@ -161,7 +186,6 @@ def _light_input(
     """
     valid = (depth > 0).astype(depth.dtype)
     inverse = valid / jnp.maximum(depth, config.nearest_depth)
-    points = jax.vmap(lambda image, pose: backproject(image, config.camera, pose))(depth, mount)
     ahead, lateral = _goal_axes(goal)
     scan = jax.vmap(lambda p, v, a: goal_scan(p, v, a, config.scan))(points, valid, ahead)
     distance = jnp.sqrt(jnp.sum(goal**2, axis=-1) + 1e-2)[:, None, None]

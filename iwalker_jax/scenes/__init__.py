@@ -9,10 +9,10 @@ from iwalker_jax.scenes.built.held_out_scenes import held_out_scene
 from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, HeldOutSequence, held_out_sequence
 from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene
 from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
+from iwalker_jax.scenes.grid_distance import SCENE_RESOLUTION, occupancy, scene_grid
 from iwalker_jax.scenes.mjcf import load_mujoco_scene, mujoco_ray_depth, scene_to_mjcf
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
 from iwalker_jax.scenes.routes import (
-    SCENE_GRID,
     RouteMap,
     RouteParameters,
     cost_at,
@@ -22,27 +22,27 @@ from iwalker_jax.scenes.routes import (
     straight_line_clearance,
 )
 from iwalker_jax.scenes.scene import (
-    BOX_CAPACITY,
     BURIED,
-    CYLINDER_CAPACITY,
-    MAX_EXTENT,
+    LARGEST,
+    SCENE_CAPACITIES,
+    SMALL,
     Scene,
     SceneArrays,
+    SceneCapacity,
     obstacle_distance,
-    occupancy,
     stack_scenes,
 )
 
 __all__ = [
-    "BOX_CAPACITY",
     "BURIED",
-    "CYLINDER_CAPACITY",
     "DEMONSTRATION_NAMES",
     "FAMILIES",
     "HARD_ROOM_NAMES",
-    "MAX_EXTENT",
-    "SCENE_GRID",
+    "LARGEST",
+    "SCENE_CAPACITIES",
+    "SCENE_RESOLUTION",
     "SEQUENCE_NAMES",
+    "SMALL",
     "DemonstrationScene",
     "DepthNoise",
     "HardRoom",
@@ -51,6 +51,7 @@ __all__ = [
     "RouteParameters",
     "Scene",
     "SceneArrays",
+    "SceneCapacity",
     "add_depth_noise",
     "cost_at",
     "demonstration_scene",
@@ -66,6 +67,7 @@ __all__ = [
     "render_depth",
     "room_is_passable",
     "route_map",
+    "scene_grid",
     "scene_to_mjcf",
     "shortest_distance",
     "stack_scenes",

@@ -8,11 +8,9 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY
-from iwalker_jax.perception import UNREACHABLE, GridSpec, cost_to_go, trusted_cost
-from iwalker_jax.scenes.scene import MAX_EXTENT, SceneArrays, obstacle_distance, occupancy
-
-SCENE_GRID = GridSpec(x_min=0.0, y_min=0.0, resolution=0.1, rows=int(MAX_EXTENT * 10), columns=int(MAX_EXTENT * 10))
-"""Ground-truth grid in scene coordinates shifted so that the lower corner of the scene's bounds is the origin."""
+from iwalker_jax.perception import UNREACHABLE, cost_to_go, trusted_cost
+from iwalker_jax.scenes.grid_distance import distance_up_to, inside_bounds, occupancy, scene_grid, scene_grid_of
+from iwalker_jax.scenes.scene import SceneArrays, obstacle_distance
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,7 @@ DEFAULT_ROUTE_PARAMETERS = RouteParameters()
 
 
 class RouteMap(NamedTuple):
-    """Ground truth of one scene for one goal, on `SCENE_GRID`.
+    """Ground truth of one scene for one goal, on its `scene_grid`.
 
     Attributes:
         free: (rows, columns) cells where the inflated footprint fits.
@@ -54,20 +52,22 @@ class RouteMap(NamedTuple):
 def free_cells(
     scene: SceneArrays, parameters: RouteParameters = DEFAULT_ROUTE_PARAMETERS
 ) -> Bool[Array, "rows columns"]:
-    """Cells of `SCENE_GRID` where the inflated footprint fits."""
-    return ~occupancy(scene, scene.bounds[:2], SCENE_GRID.resolution, SCENE_GRID.shape, parameters.inflated_radius)
+    """Cells of `scene_grid` where the inflated footprint fits."""
+    grid = scene_grid(scene)
+    return ~occupancy(scene, scene.bounds[:2], grid.resolution, grid.shape, parameters.inflated_radius)
 
 
 def route_map(
     scene: SceneArrays, goal_xy: Float[Array, " 2"], parameters: RouteParameters = DEFAULT_ROUTE_PARAMETERS
 ) -> RouteMap:
     """Cost of the best comfortable route to a goal [m, world] from everywhere in the scene."""
-    origin = scene.bounds[:2]
-    free = free_cells(scene, parameters)
-    clearance = obstacle_distance(scene, SCENE_GRID.centres() + origin)
+    origin, grid = scene.bounds[:2], scene_grid(scene)
+    points = grid.centres() + origin
+    clearance = distance_up_to(scene, points, parameters.comfort)
+    free = inside_bounds(scene, points) & (clearance > parameters.inflated_radius)
     tightness = jnp.clip((parameters.comfort - clearance) / (parameters.comfort - parameters.inflated_radius), 0.0, 1.0)
     traversal = jnp.where(free, 1.0 + parameters.discomfort * tightness**2, jnp.inf)
-    solution = cost_to_go(traversal, goal_xy - origin, SCENE_GRID)
+    solution = cost_to_go(traversal, goal_xy - origin, grid)
     return RouteMap(free, trusted_cost(solution), origin)
 
 
@@ -83,13 +83,14 @@ def cost_at(routes: RouteMap, points_xy: Float[Array, "*batch 2"]) -> Float[Arra
 
     Interpolation would mix reachable with unreachable cells beside a wall; `UNREACHABLE` only if all nine are.
     """
-    cell = jnp.round(SCENE_GRID.cell_coordinates(points_xy - routes.origin)).astype(jnp.int32)
+    grid = scene_grid_of(routes.cost.shape[0])
+    cell = jnp.round(grid.cell_coordinates(points_xy - routes.origin)).astype(jnp.int32)
     offsets = jnp.asarray([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
     around = cell[..., None, :] + offsets
-    limits = jnp.asarray(SCENE_GRID.shape) - 1
+    limits = jnp.asarray(grid.shape) - 1
     inside = ((around >= 0) & (around <= limits)).all(axis=-1)
     around = jnp.clip(around, 0, limits)
-    centres = (around + 0.5) * SCENE_GRID.resolution + routes.origin
+    centres = (around + 0.5) * grid.resolution + routes.origin
     way = jnp.sqrt(jnp.sum((centres - points_xy[..., None, :]) ** 2, axis=-1))
     cost = jnp.where(inside, routes.cost[around[..., 0], around[..., 1]], UNREACHABLE)
     return jnp.minimum(jnp.min(cost + way, axis=-1), UNREACHABLE)

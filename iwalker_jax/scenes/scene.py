@@ -13,14 +13,34 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import safe_sqrt
 from iwalker_jax.perception import DEFAULT_OBSTACLES
 
-BOX_CAPACITY = 128
-CYLINDER_CAPACITY = 64
-MAX_EXTENT = 16.0
-"""[m] longest side of a scene's free-space bounds, so that one grid shape covers every scene."""
+
+class SceneCapacity(NamedTuple):
+    """What fits into scene arrays of one shape.
+
+    Attributes:
+        boxes, cylinders: most of them.
+        extent: [m] longest side of the bounds.
+    """
+
+    boxes: int
+    cylinders: int
+    extent: float
+
+
+SCENE_CAPACITIES = (
+    SceneCapacity(128, 64, 16.0),
+    SceneCapacity(512, 256, 51.2),
+    SceneCapacity(2048, 512, 51.2),
+    SceneCapacity(8192, 1024, 51.2),
+)
+"""Shapes of scene arrays from small to large: programs are compiled for each, and rooms do not pay for halls."""
+
+SMALL, LARGEST = SCENE_CAPACITIES[0], SCENE_CAPACITIES[-1]
 
 _NO_CEILING = 1.0e3
 BURIED = -1.0e3
 """[m] height of solids that are not there."""
+_OUT_OF_BAND = 2 * _NO_CEILING
 
 
 class SceneArrays(NamedTuple):
@@ -76,10 +96,10 @@ class Scene:
         if (boxes[:, 3:6] <= 0).any() or (cylinders[:, 3:5] <= 0).any():
             raise InputError(f"Scene {self.name}: half sizes and radii must be positive [m].")
         x_min, y_min, x_max, y_max = self.bounds
-        if not (0 < x_max - x_min <= MAX_EXTENT and 0 < y_max - y_min <= MAX_EXTENT):
+        if not (0 < x_max - x_min <= LARGEST.extent and 0 < y_max - y_min <= LARGEST.extent):
             raise InputError(
                 f"Scene {self.name}: bounds {self.bounds} must be (x_min, y_min, x_max, y_max) with sides between 0 "
-                f"and {MAX_EXTENT} m."
+                f"and {LARGEST.extent} m."
             )
         if self.ceiling is not None and not 0 < self.ceiling < _NO_CEILING:
             raise InputError(f"Scene {self.name}: the ceiling must be above the floor, got {self.ceiling} m.")
@@ -88,21 +108,37 @@ class Scene:
         object.__setattr__(self, "boxes", boxes)
         object.__setattr__(self, "cylinders", cylinders)
 
-    def arrays(self) -> SceneArrays:
-        """The scene as padded JAX arrays of JAX's default precision.
+    @property
+    def capacity(self) -> SceneCapacity:
+        """The smallest of `SCENE_CAPACITIES` that holds it.
 
         Raises:
-            InputError: if it has more geoms than `BOX_CAPACITY` or `CYLINDER_CAPACITY`.
+            InputError: if none does.
         """
-        if len(self.boxes) > BOX_CAPACITY or len(self.cylinders) > CYLINDER_CAPACITY:
-            raise InputError(
-                f"Scene {self.name} has {len(self.boxes)} boxes and {len(self.cylinders)} cylinders but at most "
-                f"{BOX_CAPACITY} and {CYLINDER_CAPACITY} fit; merge or remove some."
-            )
+        side = max(self.bounds[2] - self.bounds[0], self.bounds[3] - self.bounds[1])
+        for capacity in SCENE_CAPACITIES:
+            fits = len(self.boxes) <= capacity.boxes and len(self.cylinders) <= capacity.cylinders
+            if fits and side <= capacity.extent:
+                return capacity
+        raise InputError(
+            f"Scene {self.name} has {len(self.boxes)} boxes and {len(self.cylinders)} cylinders but at most "
+            f"{LARGEST.boxes} and {LARGEST.cylinders} fit; merge or remove some."
+        )
+
+    def arrays(self, capacity: SceneCapacity | None = None) -> SceneArrays:
+        """The scene as padded JAX arrays of JAX's default precision.
+
+        Args:
+            capacity: one that holds it; by default the smallest that does.
+
+        Raises:
+            InputError: if it has more geoms than fit.
+        """
+        capacity = self.capacity if capacity is None else capacity
         ceiling = _NO_CEILING if self.ceiling is None else self.ceiling
         return SceneArrays(
-            jnp.asarray(_padded(self.boxes, BOX_CAPACITY), float),
-            jnp.asarray(_padded(self.cylinders, CYLINDER_CAPACITY), float),
+            jnp.asarray(_padded(self.boxes, capacity.boxes), float),
+            jnp.asarray(_padded(self.cylinders, capacity.cylinders), float),
             jnp.asarray(ceiling, float),
             jnp.asarray(self.bounds, float),
         )
@@ -116,14 +152,15 @@ def _padded(rows: Float[np.ndarray, "n k"], capacity: int) -> Float[np.ndarray, 
 
 
 def stack_scenes(scenes: Sequence[Scene]) -> SceneArrays:
-    """The arrays of several scenes with a leading scene axis, ready for `jax.vmap`.
+    """The arrays of several scenes, in the shape of the largest, with a leading scene axis, ready for `jax.vmap`.
 
     Raises:
         InputError: for an empty sequence or a scene with too many geoms.
     """
     if not scenes:
         raise InputError("stack_scenes needs at least one scene.")
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *[scene.arrays() for scene in scenes])
+    capacity = max((scene.capacity for scene in scenes), key=SCENE_CAPACITIES.index)
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *[scene.arrays(capacity) for scene in scenes])
 
 
 def obstacle_distance(
@@ -144,20 +181,36 @@ def obstacle_distance(
     """
     dtype = points_xy.dtype
     boxes, cylinders = scene.boxes.astype(dtype), scene.cylinders.astype(dtype)
-    far = jnp.asarray(2 * _NO_CEILING, dtype)
     x, y = points_xy[..., 0, None], points_xy[..., 1, None]
+    to_boxes = plan_distance_to_boxes(boxes, x, y, z_low, z_high)
+    to_cylinders = plan_distance_to_cylinders(cylinders, x, y, z_low, z_high)
+    return jnp.minimum(to_boxes.min(axis=-1), to_cylinders.min(axis=-1))
 
+
+def plan_distance_to_boxes(
+    boxes: Float[Array, "n 7"], x: Float[Array, "*batch 1"], y: Float[Array, "*batch 1"], z_low: float, z_high: float
+) -> Float[Array, "*batch n"]:
+    """Signed distance [m] in plan view from (x, y) to each box; 2 km to those outside a height band."""
     dx, dy = x - boxes[:, 0], y - boxes[:, 1]
     cos, sin = jnp.cos(boxes[:, 6]), jnp.sin(boxes[:, 6])
     qx = jnp.abs(cos * dx + sin * dy) - boxes[:, 3]
     qy = jnp.abs(cos * dy - sin * dx) - boxes[:, 4]
     outside = _length(jnp.maximum(qx, 0), jnp.maximum(qy, 0))
     to_boxes = outside + jnp.minimum(jnp.maximum(qx, qy), 0)
-    to_boxes = jnp.where(_in_band(boxes[:, 2], boxes[:, 5], z_low, z_high), to_boxes, far)
+    return jnp.where(_in_band(boxes[:, 2], boxes[:, 5], z_low, z_high), to_boxes, jnp.asarray(_OUT_OF_BAND, x.dtype))
 
+
+def plan_distance_to_cylinders(
+    cylinders: Float[Array, "n 5"],
+    x: Float[Array, "*batch 1"],
+    y: Float[Array, "*batch 1"],
+    z_low: float,
+    z_high: float,
+) -> Float[Array, "*batch n"]:
+    """Signed distance [m] in plan view from (x, y) to each cylinder; 2 km to those outside a height band."""
     to_cylinders = _length(x - cylinders[:, 0], y - cylinders[:, 1]) - cylinders[:, 3]
-    to_cylinders = jnp.where(_in_band(cylinders[:, 2], cylinders[:, 4], z_low, z_high), to_cylinders, far)
-    return jnp.minimum(to_boxes.min(axis=-1), to_cylinders.min(axis=-1))
+    in_band = _in_band(cylinders[:, 2], cylinders[:, 4], z_low, z_high)
+    return jnp.where(in_band, to_cylinders, jnp.asarray(_OUT_OF_BAND, x.dtype))
 
 
 def _in_band(centre: Float[Array, " n"], half: Float[Array, " n"], z_low: float, z_high: float) -> Bool[Array, " n"]:
@@ -166,27 +219,3 @@ def _in_band(centre: Float[Array, " n"], half: Float[Array, " n"], z_low: float,
 
 def _length(x: Float[Array, "*shape"], y: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     return safe_sqrt(x * x + y * y)
-
-
-def occupancy(
-    scene: SceneArrays,
-    origin: Float[Array, " 2"],
-    resolution: float,
-    shape: tuple[int, int],
-    inflation: float = 0.0,
-) -> Bool[Array, "rows columns"]:
-    """Ground-truth map: True where a cell's centre is nearer than `inflation` to an obstacle or outside the bounds.
-
-    Args:
-        scene: one scene.
-        origin: (x, y) [m] of the map's lowest corner in the world frame; rows run along x, columns along y.
-        resolution: [m] side of a cell.
-        shape: (rows, columns), fixed under jit; `MAX_EXTENT` / resolution covers any scene from its lowest corner.
-        inflation: [m] radius of the robot's footprint.
-    """
-    x = origin[0] + (jnp.arange(shape[0], dtype=origin.dtype) + 0.5) * resolution
-    y = origin[1] + (jnp.arange(shape[1], dtype=origin.dtype) + 0.5) * resolution
-    points = jnp.stack(jnp.meshgrid(x, y, indexing="ij"), axis=-1)
-    lower, upper = scene.bounds[:2], scene.bounds[2:]
-    outside = ((points < lower) | (points > upper)).any(axis=-1)
-    return outside | (obstacle_distance(scene, points) <= inflation)

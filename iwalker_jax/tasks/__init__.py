@@ -10,6 +10,7 @@ from iwalker_jax.tasks.named import (
     sequence_task,
     tour_length,
 )
+from iwalker_jax.tasks.reachability import check_task
 from iwalker_jax.tasks.routes import comfortable_route, time_limit
 from iwalker_jax.tasks.task import GOAL_CAPACITY, Task, TaskArrays, stack_tasks
 
@@ -20,6 +21,7 @@ __all__ = [
     "Task",
     "TaskArrays",
     "TaskSampling",
+    "check_task",
     "comfortable_route",
     "demonstration",
     "generated_task",

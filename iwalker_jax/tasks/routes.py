@@ -9,8 +9,8 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.geometry.host import polyline_length
 from iwalker_jax.perception import UNREACHABLE, descend
-from iwalker_jax.scenes import Scene, SceneArrays, obstacle_distance
-from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS, SCENE_GRID, cost_at, route_map
+from iwalker_jax.scenes import Scene, SceneArrays, obstacle_distance, scene_grid
+from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS, cost_at, route_map
 
 PACE = 0.25
 """[m/s] at which time limits assume a robot to walk."""
@@ -68,6 +68,6 @@ _clearance = jax.jit(obstacle_distance)
 def _route(
     scene: SceneArrays, start: Float[Array, " 2"], goal: Float[Array, " 2"]
 ) -> tuple[Float[Array, ""], Float[Array, "n 2"]]:
-    routes = route_map(scene, goal)
-    way = descend(routes.cost, SCENE_GRID, start - routes.origin, 2 * max(SCENE_GRID.shape)) + routes.origin
+    routes, grid = route_map(scene, goal), scene_grid(scene)
+    way = descend(routes.cost, grid, start - routes.origin, 2 * max(grid.shape)) + routes.origin
     return cost_at(routes, start), way

@@ -4,9 +4,14 @@ A checksum over the named leaves and the configuration tells a damaged or edited
 itself returns most flipped bits as other numbers.
 """
 
+import contextlib
+import errno
 import hashlib
+import io
 import json
 import logging
+import os
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,6 +28,7 @@ from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.train_step import TrainState, initial_state, make_optimiser
 
 _LEAVES, _META, _CHECKSUM = "state", "meta", "checksum"
+_BESIDE = 1_000_000  # [bytes] of names, settings and the disk's own blocks
 
 
 class Checkpoint(NamedTuple):
@@ -52,7 +58,7 @@ class CheckpointStore:
     def __init__(self, folder: Path, keep: int = 2):
         self.folder = Path(folder).absolute()
         # Orbax logs every save; what a user must know is said by this class.
-        logging.getLogger("absl").setLevel(logging.ERROR)
+        logging.getLogger("absl").setLevel(logging.CRITICAL)
         process = jax.process_index()
         alone = ocp.options.MultiprocessingOptions(
             primary_host=process, active_processes={process}, barrier_sync_key_prefix=f"process_{process}"
@@ -92,9 +98,14 @@ class CheckpointStore:
         meta[_CHECKSUM] = _checksum(leaves, meta)
         arguments = ocp.args.Composite(**{_LEAVES: ocp.args.StandardSave(leaves), _META: ocp.args.JsonSave(meta)})
         try:
-            self._manager.save(step, args=arguments, force=True)
-            self._manager.wait_until_finished()
+            _require_space(self.folder, sum(np.asarray(leaf).nbytes for leaf in leaves.values()))
+            # A write that fails prints a traceback for every leaf beside the one error that it raises.
+            with contextlib.redirect_stderr(io.StringIO()):
+                self._manager.save(step, args=arguments, force=True)
+                self._manager.wait_until_finished()
         except Exception as error:  # orbax and tensorstore raise many kinds; each means "not written"
+            for part in self.folder.glob(f"{step}.orbax-checkpoint-tmp*"):
+                shutil.rmtree(part, ignore_errors=True)
             raise CheckpointError(
                 f"Could not write the checkpoint of step {step} in {self.folder} ({first_line(error)}); earlier "
                 f"checkpoints {self.steps_on_disk()} are intact. Free some space and resume."
@@ -203,6 +214,12 @@ def _state_of(leaves: Mapping[str, np.ndarray], config: TrainConfig, frames: int
 
 def _name(path: tuple) -> str:
     return jax.tree_util.keystr(path, simple=True, separator="_")
+
+
+def _require_space(folder: Path, size: int) -> None:
+    """Raise OSError if a checkpoint of so many bytes, uncompressed, and what lies beside it would fill the disk."""
+    if shutil.disk_usage(folder).free < size + _BESIDE:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def _checksum(leaves: Mapping[str, Any], meta: Mapping[str, Any]) -> str:

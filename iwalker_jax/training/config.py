@@ -82,10 +82,13 @@ class TrainConfig:
         return self.ppo.epochs if self.method == "ppo" else 1
 
 
+_PUBLISHED_IPATH = IPathConfig(variant="paper", trunk_width=64, goal_is_end=True, even=False, equivariant=False)
+
+
 def paper_preset() -> TrainConfig:
     """The published set-up: full-width network, last waypoint = goal, batch 1, the paper's losses, no decay."""
     return TrainConfig(
-        planner=PlannerConfig(ipath=IPathConfig(variant="paper", trunk_width=64, goal_is_end=True, even=False)),
+        planner=PlannerConfig(ipath=_PUBLISHED_IPATH),
         weights=LossWeights(
             tracking=40.0,
             route=0.0,

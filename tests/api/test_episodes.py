@@ -8,7 +8,7 @@ import pytest
 from iwalker_jax.api import episodes, run_episodes
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.record import Outcome
-from iwalker_jax.tasks import named_task
+from iwalker_jax.tasks import Task, named_task
 from iwalker_jax.walking import Disturbances
 from tests.evaluation.episode_records import make_record
 
@@ -65,4 +65,8 @@ def test_bad_options_are_refused(pretended):
         run_episodes("moon")
     with pytest.raises(InputError, match="Unknown policy 'telepathy'; choose one of default"):
         run_episodes("office", "telepathy")
+    task = named_task("factory")
+    cut_off = Task("t", task.scene, task.start, np.array([[99.0, 0.0]]))
+    with pytest.raises(InputError, match="goal at 99, 0 is outside"):
+        run_episodes(["office", cut_off])
     assert pretended == []

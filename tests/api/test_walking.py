@@ -57,7 +57,7 @@ def test_a_motions_kind_stands_for_the_motion(monkeypatch):
     assert np.ptp(simulated[0].plan.positions[:, 1]) > 0.5
 
 
-def test_bad_options_are_refused():
+def test_bad_options_are_refused(unchecked_types):
     with pytest.raises(InputError, match="Unknown engine 'bullet'; choose mjx or mujoco"):
         walk("stand", engine="bullet")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="Unknown motion 'hop'"):

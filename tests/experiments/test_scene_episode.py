@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+import trimesh
 import tyro
 
 from bruce_model import load_mujoco
@@ -108,9 +109,14 @@ def test_the_time_limit_is_that_of_the_tour():
     assert moved.start == pytest.approx((x, y, math.pi / 2)) and np.array_equal(moved.goals, own.goals)
 
 
-def test_a_goal_behind_a_wall_is_for_the_robot_to_find_out(file):
-    task = task_of("--scene", str(file), "--start", "1", "1", "0", "--goals", "8", "1")
-    assert task.time_limit == pytest.approx(time_limit(2 * 7))
+def test_the_robot_may_find_out_that_a_goal_is_cut_off(tmp_path):
+    """By hand: twice the straight line is allowed where no way leads."""
+    box = trimesh.creation.box(bounds=[[2.9, -1, 0], [3.1, 5, 1]])
+    trimesh.util.concatenate([mesh_of(room()), box]).export(tmp_path / "cut.stl")
+    options = ("--scene", str(tmp_path / "cut.stl"), "--start", "1", "1", "0", "--goals", "5", "1")
+    with pytest.raises(InputError, match="No way"):
+        task_of(*options)
+    assert task_of(*options, "--unreachable").time_limit == pytest.approx(time_limit(2 * 4))
 
 
 def test_bounds_cut_a_scene_file(file):
@@ -128,6 +134,7 @@ def test_bounds_cut_a_scene_file(file):
     [
         (["--start", "3", "1", "0", "--goals", "5", "1"], "3, 1 in room is inside an obstacle"),
         (["--start", "2.85", "1", "0", "--goals", "5", "1"], "is 10 cm from an obstacle"),
+        (["--start", "1", "1", "0", "--goals", "8", "1"], "goal at 8, 1 is outside"),
         (["--start", "1", "1", "0"], "Where to"),
         (["--goals", "1", "1", "--robots", "3", "--push-axis", "y"], "with --scene takes no --robots;"),
         (

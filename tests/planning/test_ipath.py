@@ -51,6 +51,22 @@ def test_output_shapes_and_published_end(config):
         np.testing.assert_allclose(out.waypoints[:, -1], goal)
 
 
+@pytest.mark.parametrize("config", [LIGHT, IPathConfig(variant="paper", trunk_width=8)])
+def test_a_mirrored_frame_gets_the_mirrored_plan(config):
+    """Oracle: the image from right to left, the goal and the camera's mount on the other side, and the plan too."""
+    network = nnx.jit(IPath.__call__)
+    ipath = IPath(config, nnx.Rngs(2))
+    depth = jax.random.uniform(jax.random.key(3), (2, 90, 160), maxval=5.0) * (jnp.arange(160) < 110)
+    goal = jnp.asarray([[2.0, 1.0], [3.0, -0.5]])
+    mount = jnp.asarray([[0.6, 0.3, 0.1, 0.05, 0.02], [0.5, 0.2, -0.05, 0.0, 0.1]])
+    plan = network(ipath, depth, goal, mount)
+    sides = jnp.asarray([1.0, -1.0])
+    other = network(ipath, depth[:, :, ::-1], goal * sides, mount * jnp.asarray([1.0, 1.0, -1.0, 1.0, -1.0]))
+    np.testing.assert_allclose(other.waypoints, plan.waypoints * sides, atol=1e-4)
+    np.testing.assert_allclose(other.fear, plan.fear, atol=1e-4)
+    assert float(jnp.abs(plan.waypoints[..., 1]).max()) > 1e-3  # nothing that is symmetric by being zero
+
+
 def test_even_waypoints_keep_directions_and_mean_interval():
     """Oracle: NumPy, interval by interval."""
     waypoints = np.array([[0.4, 0.1], [0.5, 0.1], [1.2, -0.5], [1.3, 0.6], [1.0, 0.6]])

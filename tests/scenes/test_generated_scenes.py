@@ -16,7 +16,7 @@ from iwalker_jax.scenes.built.held_out_sequences import SEQUENCE_NAMES, held_out
 from iwalker_jax.scenes.built.layout import HELD_OUT_STYLE, TRAINING_STYLE
 from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
-from iwalker_jax.scenes.scene import BOX_CAPACITY, CYLINDER_CAPACITY, Scene, obstacle_distance
+from iwalker_jax.scenes.scene import SMALL, Scene, obstacle_distance
 
 
 def has_oblique_walls(scene: Scene) -> bool:
@@ -57,7 +57,7 @@ def test_scenes_are_reproducible_distinct_and_connected(family):
     assert len({scene.ceiling for scene in scenes}) == 4
     for scene in scenes:
         assert scene.family == family
-        assert len(scene.boxes) <= BOX_CAPACITY and len(scene.cylinders) <= CYLINDER_CAPACITY
+        assert len(scene.boxes) <= SMALL.boxes and len(scene.cylinders) <= SMALL.cylinders
         area, share = connected_free_space(scene)
         assert area >= 5.0 and share >= 0.85
     scene, step = scenes[0], 0.1

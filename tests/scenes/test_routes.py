@@ -12,7 +12,6 @@ from scipy.sparse.csgraph import dijkstra
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
 from iwalker_jax.scenes.routes import (
-    SCENE_GRID,
     RouteParameters,
     cost_at,
     free_cells,
@@ -63,7 +62,7 @@ def clearance(points: np.ndarray) -> np.ndarray:
 
 
 def centres() -> np.ndarray:
-    rows, columns = np.meshgrid(np.arange(SCENE_GRID.rows), np.arange(SCENE_GRID.columns), indexing="ij")
+    rows, columns = np.meshgrid(np.arange(160), np.arange(160), indexing="ij")
     return ORIGIN + (np.stack([rows, columns], axis=-1) + 0.5) * 0.1
 
 

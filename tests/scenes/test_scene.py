@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.scenes.grid_distance import occupancy
 from iwalker_jax.scenes.scene import (
-    BOX_CAPACITY,
-    CYLINDER_CAPACITY,
+    LARGEST,
+    SMALL,
     Scene,
     obstacle_distance,
-    occupancy,
     stack_scenes,
 )
 
@@ -102,7 +102,7 @@ def test_padding_is_out_of_reach_and_scenes_stack():
     empty = make_scene(np.empty((0, 7)), np.empty((0, 5)))
     assert float(obstacle_distance(empty.arrays(), jnp.asarray([0.0, 0.0]))) > 100
     stacked = stack_scenes([make_scene(), empty])
-    assert stacked.boxes.shape == (2, BOX_CAPACITY, 7) and stacked.cylinders.shape == (2, CYLINDER_CAPACITY, 5)
+    assert stacked.boxes.shape == (2, SMALL.boxes, 7) and stacked.cylinders.shape == (2, SMALL.cylinders, 5)
     points = jnp.asarray([[1.0, 1.0], [3.0, 2.0]])
     both = jax.vmap(obstacle_distance, in_axes=(0, None))(stacked, points)
     np.testing.assert_allclose(both[0], obstacle_distance(make_scene().arrays(), points), rtol=1e-6)
@@ -117,7 +117,7 @@ def test_padding_is_out_of_reach_and_scenes_stack():
         ({"boxes": -BOXES}, "positive"),
         ({"cylinders": CYLINDERS * 0}, "positive"),
         ({"bounds": (0.0, 0.0, 0.0, 1.0)}, "bounds"),
-        ({"bounds": (0.0, 0.0, 40.0, 1.0)}, "bounds"),
+        ({"bounds": (0.0, 0.0, 52.0, 1.0)}, "bounds"),
         ({"ceiling": -1.0}, "ceiling"),
     ],
 )
@@ -127,7 +127,7 @@ def test_bad_scenes_are_refused(changes, words):
 
 
 def test_too_many_geoms_are_refused():
-    crowded = make_scene(boxes=np.tile(BOXES[:1], (BOX_CAPACITY + 1, 1)))
+    crowded = make_scene(boxes=np.tile(BOXES[:1], (LARGEST.boxes + 1, 1)))
     with pytest.raises(InputError, match="at most"):
         crowded.arrays()
     with pytest.raises(InputError, match="at least one"):

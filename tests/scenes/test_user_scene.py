@@ -93,6 +93,12 @@ def walls(turn=0.0):
     return room.apply_transform(rotation_matrix(turn, (0, 0, 1), (3, 2.5, 0)))
 
 
+def furnished():
+    """The walls on a floor, and a block in the room."""
+    floor = trimesh.creation.box(bounds=[[0, 0, -0.1], [6, 5, 0]])
+    return trimesh.util.concatenate([walls(), floor, trimesh.creation.box(bounds=[[2, 2, 0], [2.5, 3, 0.6]])])
+
+
 def things():
     """Shapes that are neither upright boxes nor cylinders."""
     return [
@@ -137,7 +143,7 @@ def test_other_shapes_keep_depth_and_clearance(tmp_path, turn):
     """Oracle: C MuJoCo's rays and trimesh's closest points on the triangles, within a voxel at 95 % and more."""
     mesh = trimesh.util.concatenate([walls(turn), *things()])
     mesh.export(tmp_path / "room.obj")
-    user = convert_user_scene(tmp_path / "room.obj")
+    user = convert_user_scene(tmp_path / "room.obj", up="z")
     assert user.exact == 0
     assert user.merged > 4
     assert user.discs > 10
@@ -203,13 +209,13 @@ def test_an_exported_scene_comes_back(tmp_path):
 
 def test_gltf_is_y_up_and_bounds_cut(tmp_path):
     """Property: the same room as GLB and STL is the same scene; what lies outside the bounds is left out."""
-    room = trimesh.util.concatenate([walls(), trimesh.creation.box(bounds=[[2, 2, 0], [2.5, 3, 0.6]])])
+    room = furnished()
     room.export(tmp_path / "room.stl")
     to_y_up = rotation_matrix(-math.pi / 2, (1, 0, 0))
     room.copy().apply_transform(to_y_up).export(tmp_path / "room.glb")
     flat, turned = convert_user_scene(tmp_path / "room.stl").scene, convert_user_scene(tmp_path / "room.glb").scene
     np.testing.assert_allclose(turned.bounds, flat.bounds, atol=1e-5)
-    np.testing.assert_allclose(turned.boxes[0, :6], flat.boxes[0, :6], atol=1e-5)
+    np.testing.assert_allclose(turned.boxes, flat.boxes, atol=1e-5)
     cut = convert_user_scene(tmp_path / "room.stl", bounds=(1.0, 1.0, 4.0, 4.0))
     assert (cut.exact, cut.merged) == (1, 0)
 
@@ -245,11 +251,14 @@ def stl(folder, mesh):
 BAD = [
     ("no file", lambda folder: folder / "nowhere.stl"),
     ("no file", lambda folder: folder / "nowhere.xml"),
-    ("unknown ending", lambda folder: folder / "scene.step"),
+    ("unknown ending", lambda folder: folder / "scene.txt"),
     ("in millimetres", lambda folder: stl(folder, walls().apply_scale(1000))),
-    ("give bounds with sides", lambda folder: stl(folder, walls().apply_scale(5))),
+    ("give bounds with sides", lambda folder: stl(folder, furnished().apply_scale(15))),
     ("scale it to metres", lambda folder: stl(folder, walls().apply_scale(0.01))),
-    ("move the scene", lambda folder: stl(folder, walls().apply_translation((0, 0, 3)))),
+    ("no floor .* which way is up", lambda folder: stl(folder, walls().apply_translation((0, 0, 3)))),
+    ("slopes by 10 degrees", lambda folder: stl(folder, furnished().apply_transform(rotation_matrix(0.17, (1, 0, 0))))),
+    ("is a point cloud; make a mesh", lambda folder: folder / "scan.pcd"),
+    ("export it as GLB", lambda folder: folder / "scene.dae"),
     ("nothing above its floor", lambda folder: stl(folder, trimesh.creation.box(bounds=[[0, 0, -0.1], [3, 3, 0]]))),
 ]
 
@@ -270,8 +279,8 @@ def test_unusable_files_are_refused(tmp_path, message, make):
         ("floor .* is at z", '<mujoco><worldbody><geom type="plane" size="1 1 1" pos="0 0 1"/></worldbody></mujoco>'),
         ("is tilted", '<mujoco><worldbody><geom type="plane" size="1 1 1" euler="20 0 0"/></worldbody></mujoco>'),
         (
-            "130 boxes",
-            "<mujoco><worldbody>" + 130 * '<geom type="box" size=".1 .1 .1" pos="0 0 .1"/>' + "</worldbody></mujoco>",
+            "8200 boxes",
+            "<mujoco><worldbody>" + 8200 * '<geom type="box" size=".1 .1 .1" pos="0 0 .1"/>' + "</worldbody></mujoco>",
         ),
     ],
 )

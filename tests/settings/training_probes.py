@@ -105,7 +105,7 @@ def checkpointed(config: TrainConfig) -> Any:
     config = dataclasses.replace(config, batch_size=1, epochs=3)
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop, "make_train_step", idle_step)
-        patch.setattr(loop, "initial_state", lambda *_: _small_state())
+        patch.setattr(loop, "starting_state", lambda *_: _small_state())
         patch.setattr(loop.CheckpointStore, "save", _noting(saved, loop.CheckpointStore.save))
         loop.train(config, data(), Path(folder), say=lambda _: None)
         left = sorted(int(entry.name) for entry in (Path(folder) / "checkpoints").glob("[0-9]*"))

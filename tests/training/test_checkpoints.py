@@ -124,13 +124,15 @@ def test_a_half_written_checkpoint_is_not_seen(store, state, small_config):
 def test_a_full_disk_is_said_and_loses_nothing(store, state, small_config, monkeypatch):
     store.save(state, small_config, frames=8)
 
-    def full(*_, **__):
+    def full(step, **__):
+        (store.folder / f"{step}.orbax-checkpoint-tmp" / "state").mkdir(parents=True)
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(store._manager, "save", full)
     with pytest.raises(CheckpointError, match=r"No space left.*\[0\] are intact"):
         store.save(state._replace(step=state.step + 1), small_config, frames=8)
     assert_trees_equal(store.restore(0).state, state)
+    assert [entry.name for entry in store.folder.iterdir()] == ["0"]
 
 
 @pytest.mark.parametrize("preset", PRESETS)

@@ -6,6 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
 from bruce_model import load_mujoco
 from iwalker_jax.commands.shared.console import progress_bar, say
@@ -27,14 +28,10 @@ from iwalker_jax.evaluation.episodes import (
 from iwalker_jax.navigation import BodyVolume, EpisodeProgram, EpisodeRecord, Outcome, make_navigator
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime import write_json
-from iwalker_jax.scenes import Scene
-from iwalker_jax.scenes.imported.user_scene import convert_user_scene
-from iwalker_jax.scenes.imported.voxel_boxes import Bounds
-from iwalker_jax.scenes.routes import DEFAULT_ROUTE_PARAMETERS
-from iwalker_jax.tasks import TASK_NAMES, Task, named_task
+from iwalker_jax.scenes.imported.user_scene import UserScene, convert_user_scene
+from iwalker_jax.tasks import TASK_NAMES, Task, check_task, named_task
 from iwalker_jax.tasks.routes import (
     PACE,
-    clearances,
     leg_lengths,
     single_precision,
     time_limit,
@@ -45,18 +42,20 @@ _DETOUR = 2.0
 """Length of the way, by that of the straight line, that is allowed to where no route leads."""
 
 
-def task_of(options: EpisodeOptions, seed: int) -> Task:
+def task_of(options: EpisodeOptions, seed: int, user: UserScene | None = None) -> Task:
     """The task of a demonstration's or test sequence's name, or of a user's own scene file with start and goals.
 
     Args:
         options: with a scene.
         seed: of a demonstration's start.
+        user: the scene file converted, if that was done already.
 
     Raises:
-        InputError: for an unknown scene, a file that cannot be used, or a start where the robot does not fit.
+        InputError: for an unknown scene, a file that cannot be used, a start or goal outside, in an obstacle or without
+            room for the robot, or, unless the options allow it, a goal that no way leads to.
     """
-    file = options.scene_file
-    if file is None:
+    shift = np.zeros(2)
+    if options.scene_file is None:
         if options.bounds is not None:
             raise InputError(f"--bounds belongs to a scene file, but {options.scene} has its own; leave it out.")
         task = named_task(str(options.scene), seed)
@@ -64,36 +63,37 @@ def task_of(options: EpisodeOptions, seed: int) -> Task:
             return task
         name, scene, start, goals = task.name, task.scene, task.start, options.goals or task.goals
     else:
-        name, scene = file.stem, _scene_of(file, options.goals, options.bounds)
+        user = user or user_scene(options)
+        name, scene, shift = user.scene.name, user.scene, user.shift
         start, goals = (0.0, 0.0, 0.0), options.goals
     if options.start is not None:
         x, y, degrees = options.start
         start = (x, y, math.radians(degrees))
-    task = Task(name, scene, start, np.asarray(goals))
-    _check_start(task)
+    task = Task(name, scene, (start[0] + shift[0], start[1] + shift[1], start[2]), np.asarray(goals) + shift)
+    try:
+        check_task(task, options.unreachable)
+    except InputError as error:
+        if not shift.any():
+            raise
+        moved = f"these places and the scene were moved by {shift[0]:.0f}, {shift[1]:.0f} m"
+        raise InputError(f"{str(error).rstrip('.')} ({moved}).") from error
     return dataclasses.replace(task, time_limit=time_limit(allowed_length(task)))
 
 
-def _scene_of(file: Path, goals: tuple[tuple[float, float], ...], bounds: Bounds | None) -> Scene:
-    if not file.suffix:
+def user_scene(options: EpisodeOptions) -> UserScene:
+    """The scene file of the options as boxes and cylinders; says what became of it.
+
+    Raises:
+        InputError: without goals, or for a file that cannot be used.
+    """
+    file = options.scene_file
+    if file is None or not file.suffix:
         raise InputError(f"Unknown scene {str(file)!r}; choose one of {', '.join(TASK_NAMES)}, or give a file.")
-    if not goals:
+    if not options.goals:
         raise InputError(f"Where to in {file}? Give --goals X Y in metres, and --start X Y DEGREES if it is not 0 0 0.")
-    converted = convert_user_scene(file, bounds)
+    converted = convert_user_scene(file, options.bounds, options.up)
     say(converted.describe())
-    return converted.scene
-
-
-def _check_start(task: Task) -> None:
-    """Require room for the robot's footprint; a goal that cannot be reached is for the robot to find out."""
-    clearance = float(clearances(single_precision(task.scene), np.asarray(task.start[:2])))
-    wanted = DEFAULT_ROUTE_PARAMETERS.inflated_radius
-    if clearance < wanted:
-        where = "inside an obstacle" if clearance <= 0 else f"{100 * clearance:.0f} cm from an obstacle"
-        raise InputError(
-            f"The start at {task.start[0]:g}, {task.start[1]:g} in {task.name} is {where}; give one that is "
-            f"{100 * wanted:.0f} cm from all of them with --start X Y DEGREES."
-        )
+    return converted
 
 
 def allowed_length(task: Task) -> float:
@@ -110,7 +110,8 @@ def run_scene_episode(options: EpisodeOptions, shared: SharedOptions) -> None:
     Raises:
         InputError: for an unknown scene or policy, or files that cannot be used.
     """
-    task = task_of(options, shared.seed)
+    user = None if options.scene_file is None else user_scene(options)
+    task = task_of(options, shared.seed, user)
     planner, _, name = planner_of(options.run)
     navigator = make_navigator(options.policy, planner, shared.sensors or "nominal")
     disturbances: Disturbances = shared.disturbances
@@ -129,8 +130,9 @@ def run_scene_episode(options: EpisodeOptions, shared: SharedOptions) -> None:
     say(f"Walked {metrics.walked:.1f} m, {route if math.isfinite(metrics.shortest) else 'but no route leads there'}.")
     say(f"Least clearance {100 * float(episode.clearance.min()):.1f} cm, mean speed {metrics.speed:.2f} m/s.")
     figures = {"task": task.name, **metrics._asdict(), "outcome": outcome.name}
-    if options.scene_file is not None:
-        figures["surface_distance"] = _surface_distance(options.scene_file, navigator.volume, episode)
+    if options.scene_file is not None and user is not None:
+        surface = original_surface(options.scene_file, user.T_scene_file, user.lowest)
+        figures["surface_distance"] = _surface_distance(options.scene_file.name, surface, navigator.volume, episode)
     say(
         f"Simulation {simulated / max(program.run_seconds, 1e-9):.1f} x real time, camera included; "
         f"{program.compile_seconds:.0f} s more to compile and start."
@@ -142,13 +144,13 @@ def run_scene_episode(options: EpisodeOptions, shared: SharedOptions) -> None:
     say(f"Trace{', figures and film' if filmed else ' and figures'} are in {shared.out}.")
 
 
-def _surface_distance(file: Path, volume: BodyVolume, episode: EpisodeRecord) -> float:
+def _surface_distance(name: str, surface: trimesh.Trimesh, volume: BodyVolume, episode: EpisodeRecord) -> float:
     """[m] from the walked body to what the file itself describes; says it."""
     qpos = np.asarray(episode.qpos, np.float64)
     qpos = qpos[np.isfinite(qpos).all(axis=1)]
-    distance = least_surface_distance(original_surface(file), volume, load_mujoco(), qpos) if len(qpos) else math.nan
+    distance = least_surface_distance(surface, volume, load_mujoco(), qpos) if len(qpos) else math.nan
     words = f"{100 * distance:.1f} cm" if math.isfinite(distance) else f"more than {AROUND:g} m"
-    say(f"Least distance to the surfaces of {file.name} itself {words}.")
+    say(f"Least distance to the surfaces of {name} itself {words}.")
     return distance
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.scenes.imported.mesh_frame import Up
 from iwalker_jax.scenes.imported.voxel_boxes import Bounds
 from iwalker_jax.tasks import TASK_NAMES
 from iwalker_jax.walking import Disturbances, Motion, MotionKind, Sensors
@@ -30,8 +31,10 @@ class EpisodeOptions:
             out.
         start: x, y [m] and heading [deg] in a scene; its own, or 0 0 0 in a file, if left out.
         goals: x, y [m] of each goal, one after the other, in a scene.
-        bounds: x_min, y_min, x_max, y_max [m] of a scene file in which to walk, with sides of at most 16 m; all of the
+        bounds: x_min, y_min, x_max, y_max [m] of a scene file in which to walk, with sides of at most 51 m; all of the
             file if left out.
+        up: which axis of a mesh file is up; found by its floor if left out.
+        unreachable: walk even if no way that the robot fits through leads to a goal, and let it find out.
     """
 
     scene: str | None = None
@@ -40,6 +43,8 @@ class EpisodeOptions:
     start: tuple[float, float, float] | None = None
     goals: tuple[tuple[float, float], ...] = ()
     bounds: Bounds | None = None
+    up: Up | None = None
+    unreachable: bool = False
 
     @property
     def scene_file(self) -> Path | None:

@@ -11,9 +11,9 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from iwalker_jax.navigation import BodyVolume
-from iwalker_jax.scenes import MAX_EXTENT
+from iwalker_jax.scenes import LARGEST
 from iwalker_jax.scenes.imported.mesh_distance import mesh_clearance
-from iwalker_jax.scenes.imported.mesh_solids import read_mesh
+from iwalker_jax.scenes.imported.mesh_file import read_mesh
 from iwalker_jax.scenes.imported.mjcf_solids import load_mjcf, solids_of_mjcf
 from iwalker_jax.scenes.imported.user_scene import BAND, MJCF_SUFFIXES
 from iwalker_jax.scenes.imported.voxel_boxes import sample_surface
@@ -24,14 +24,21 @@ AROUND = 1.0
 _SPACING = 0.04
 
 
-def original_surface(path: str | PathLike) -> trimesh.Trimesh:
-    """The surfaces of a scene file in one mesh [m], cut off below `BAND`, which leaves the floor out.
+def original_surface(
+    path: str | PathLike, T_scene_file: Float[np.ndarray, "4 4"] = np.eye(4), lowest: float = BAND[0]
+) -> trimesh.Trimesh:
+    """The surfaces of a scene file in one mesh [m], without what is low, which leaves the floor out.
+
+    Args:
+        path: of the file.
+        T_scene_file: how it became a scene, `UserScene.T_scene_file`.
+        lowest: [m] height from which on surfaces count, `UserScene.lowest`.
 
     Raises:
         InputError: as `convert_user_scene` for files that cannot be read.
     """
     if Path(path).suffix.lower() in MJCF_SUFFIXES:
-        solids = solids_of_mjcf(*load_mjcf(path), reach=MAX_EXTENT)
+        solids = solids_of_mjcf(*load_mjcf(path), reach=LARGEST.extent)
         parts = list(solids.meshes)
         for *centre, x, y, z, yaw in solids.boxes:
             pose = trimesh.transformations.translation_matrix(centre) @ trimesh.transformations.euler_matrix(0, 0, yaw)
@@ -42,7 +49,8 @@ def original_surface(path: str | PathLike) -> trimesh.Trimesh:
     else:
         parts = [read_mesh(path)]
     vertices, faces = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
-    vertices, faces, *_ = trimesh.intersections.slice_faces_plane(vertices, faces, (0, 0, 1), (0, 0, BAND[0]))
+    vertices = trimesh.transformations.transform_points(vertices, T_scene_file)
+    vertices, faces, *_ = trimesh.intersections.slice_faces_plane(vertices, faces, (0, 0, 1), (0, 0, lowest))
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
@@ -75,8 +83,8 @@ def least_surface_distance(
     points = sample_surface(surface, _SPACING, (low[2], high[2]), bounds).points if near.any() else np.empty((0, 3))
     if not len(points):
         return math.inf
-    # No point of a triangle is farther from its corners than this, so that spheres beyond it cannot be the nearest.
-    slack = _SPACING / math.sqrt(3)
+    # No point of the surface is farther from a sample than this, so that spheres beyond it cannot be the nearest.
+    slack = _SPACING
     tree, least, sampled = cKDTree(points), math.inf, []
     for place in places:
         # The search is quick because it ends where nothing is nearer than in the states before.

@@ -10,7 +10,8 @@ from jaxtyping import Array, Bool
 
 from iwalker_jax.geometry import BODY
 from iwalker_jax.scenes.built.layout import Layout, Style
-from iwalker_jax.scenes.scene import BOX_CAPACITY, CYLINDER_CAPACITY, MAX_EXTENT, Scene, SceneArrays, occupancy
+from iwalker_jax.scenes.grid_distance import occupancy
+from iwalker_jax.scenes.scene import SMALL, Scene, SceneArrays
 from iwalker_jax.streams import Stream
 
 Family = Callable[[np.random.Generator, Style], Layout]
@@ -36,7 +37,7 @@ def draw_connected(name: str, family: str, draw_layout: Family, style: Style, st
     """
     for attempt in range(_ATTEMPTS):
         scene = draw_layout(stream.generator(seed, attempt), style).scene(name, family)
-        if len(scene.boxes) > BOX_CAPACITY or len(scene.cylinders) > CYLINDER_CAPACITY:
+        if len(scene.boxes) > SMALL.boxes or len(scene.cylinders) > SMALL.cylinders:
             continue
         area, share = connected_free_space(scene)
         if area >= _MIN_AREA and share >= _MIN_SHARE:
@@ -58,5 +59,5 @@ def connected_free_space(scene: Scene) -> tuple[float, float]:
 
 @jax.jit
 def _inflated_map(scene: SceneArrays) -> Bool[Array, "rows columns"]:
-    cells = round(MAX_EXTENT / _MAP_RESOLUTION)
+    cells = round(SMALL.extent / _MAP_RESOLUTION)
     return occupancy(scene, scene.bounds[:2], _MAP_RESOLUTION, (cells, cells), BODY.layout_radius)

@@ -1,47 +1,18 @@
-"""Meshes from files, and which of their parts are boxes or upright cylinders."""
+"""Which parts of a mesh are boxes or upright cylinders."""
 
 import math
 from dataclasses import dataclass, field
-from os import PathLike
-from pathlib import Path
 
 import cv2
 import numpy as np
 import trimesh
+from jaxtyping import Int
 
-from iwalker_jax.errors import InputError
-
-MESH_SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".ply", ".off")
-
-_Y_UP = (".glb", ".gltf")
-_MOST_PARTS = 400
+_MOST_PARTS = 4000
 _BOX_SHARE, _CYLINDER_SHARE, _STACK_SHARE = 0.99, 0.90, 0.75
 _DISC, _MOST_DISCS = 0.05, 24
 _ROOM_SHARE, _ROOM_HEIGHT = 0.8, 0.5
 _SECTORS, _ROUNDNESS = 24, 0.08
-
-
-def read_mesh(path: str | PathLike) -> trimesh.Trimesh:
-    """All triangles of a file in one mesh, z up [m]; glTF files are turned, because y is up in them.
-
-    Raises:
-        InputError: there is no such file, trimesh cannot read it, it has no triangles, or they are not finite.
-    """
-    file = Path(path)
-    if not file.is_file():
-        raise InputError(f"There is no file {file}; give the path of a mesh.")
-    try:
-        mesh = trimesh.load(file, force="mesh")
-    except Exception as error:  # trimesh's readers raise whatever their parsers do
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{file} cannot be read as a mesh ({reason}); export it as STL, OBJ, PLY or GLB.") from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise InputError(f"{file} has no triangles; export the scene's surfaces as a mesh.")
-    if not np.isfinite(mesh.vertices).all():
-        raise InputError(f"{file} has vertices that are not finite; repair the mesh.")
-    if file.suffix.lower() in _Y_UP:
-        mesh.apply_transform([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-    return mesh
 
 
 @dataclass
@@ -99,7 +70,12 @@ def _parts(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
     groups = trimesh.graph.connected_components(
         mesh.face_adjacency, nodes=np.arange(len(mesh.faces)), min_len=1, engine="scipy"
     )
-    return [trimesh.Trimesh(mesh.vertices, mesh.faces[group]) for group in groups]
+    return [_part(mesh, group) for group in groups]
+
+
+def _part(mesh: trimesh.Trimesh, group: Int[np.ndarray, " n"]) -> trimesh.Trimesh:
+    used, faces = np.unique(mesh.faces[group], return_inverse=True)
+    return trimesh.Trimesh(mesh.vertices[used], faces.reshape(-1, 3))
 
 
 def _is_around(part: trimesh.Trimesh, mesh: trimesh.Trimesh) -> bool:

@@ -26,12 +26,14 @@ class MjcfSolids:
         boxes, cylinders: rows of `Scene.boxes` and `Scene.cylinders`.
         meshes: everything else.
         ceiling: [m] height of a downward plane, if there is one.
+        left_out: what the model has that is no obstacle here, in words.
     """
 
     boxes: list[list[float]] = field(default_factory=list)
     cylinders: list[list[float]] = field(default_factory=list)
     meshes: list[trimesh.Trimesh] = field(default_factory=list)
     ceiling: float | None = None
+    left_out: list[str] = field(default_factory=list)
 
 
 def load_mjcf(path: str | PathLike) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -79,7 +81,29 @@ def solids_of_mjcf(model: mujoco.MjModel, data: mujoco.MjData, reach: float) -> 
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = rotation, position
             solids.meshes.append(mesh.apply_transform(pose))
+    for flex in range(model.nflex):
+        _add_flex(solids, model, data, flex)
+    for count, name in ((model.nskin, "skins"), (model.ntendon, "tendons")):
+        if count:
+            solids.left_out.append(f"{count} {name}")
     return solids
+
+
+def _add_flex(solids: MjcfSolids, model: mujoco.MjModel, data: mujoco.MjData, flex: int) -> None:
+    """A soft body as its surface in the shape that it has at the reference; one of lines alone is left out."""
+    first, count = model.flex_vertadr[flex], model.flex_vertnum[flex]
+    vertices = data.flexvert_xpos[first : first + count]
+    if model.flex_dim[flex] == 3:
+        start, corners = model.flex_shelldataadr[flex], model.flex_shell
+        faces = corners[start : start + 3 * model.flex_shellnum[flex]].reshape(-1, 3)
+    elif model.flex_dim[flex] == 2:
+        start, corners = model.flex_elemdataadr[flex], model.flex_elem
+        faces = corners[start : start + 3 * model.flex_elemnum[flex]].reshape(-1, 3)
+    else:
+        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_FLEX, flex) or flex
+        solids.left_out.append(f"the flexible line {name}")
+        return
+    solids.meshes.append(trimesh.Trimesh(vertices, faces))
 
 
 def _box_row(rotation: Float[np.ndarray, "3 3"], position: Float[np.ndarray, "3"], half: np.ndarray) -> list[float]:

@@ -1,6 +1,7 @@
 """Traces of episodes from above: footprints where feet stood, boxes where they are, pictures that can be read again."""
 
 import cv2
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -16,7 +17,7 @@ def test_corners_lie_on_the_scenes_own_boundary():
     """Oracle: the scene's exact distance in plan."""
     scene = room()
     corners = box_corners(scene.boxes[5])
-    np.testing.assert_allclose(obstacle_distance(scene.arrays(), corners.astype(np.float32)), 0.0, atol=1e-5)
+    np.testing.assert_allclose(obstacle_distance(scene.arrays(), jnp.asarray(corners, jnp.float32)), 0.0, atol=1e-5)
     assert np.linalg.norm(corners[0] - corners[1]) == pytest.approx(1.0)
 
 
