@@ -24,7 +24,7 @@ def test_ugly_programs_are_judged_truly(x64, dtype):
     for name, counts in count_verdicts(12, 5, dtype).items():
         silent = counts.pop("no claim")
         assert not any(counts.values()), (name, counts)
-        assert silent <= 9, name
+        assert silent <= 10, name
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -53,17 +53,18 @@ def test_bounds_that_just_miss_each_other(curvature):
 
 @pytest.mark.parametrize("size", [1e-30, 1e-15, 1e15, 1e30])
 def test_extreme_sizes_are_solved_or_told(size):
-    """Oracle: by hand, the optimum is (-1/4, 5/4) in units of `size`; where squares overflow nothing is claimed."""
+    """Oracle: by hand, the optimum is (-1/4, 5/4) in units of `size`; no derivative where squares leave the range."""
     for variables, cost in ((size, 1.0), (1.0, size), (size, size)):
         unit = np.float32(1 / variables)
         with np.errstate(over="ignore", under="ignore"):
-            P, q = 2 * np.eye(2) * np.float32(cost) * unit * unit, np.float32(cost) * unit * np.array([-2, -5])
+            P, q = (2 * np.eye(2) * cost * float(unit) ** 2).astype(np.float32), cost * unit * np.array([-2, -5])
         solution = solve(program(np.float32, P, q, np.ones((1, 2)) * unit, [1], [1]))
         assert np.all(np.isfinite(solution.value.x))
-        if int(solution.status) == Status.CONVERGED:
+        if np.all(np.isfinite(P)) and np.all(np.diagonal(P) > 0):
+            assert int(solution.status) == Status.CONVERGED
             np.testing.assert_allclose(np.asarray(solution.value.x) * unit, [-0.25, 1.25], rtol=1e-3)
         else:
-            assert not np.all(np.isfinite(P)) or not np.all(np.diagonal(P) > 1e-37)
+            assert not bool(solution.gradient_valid)
 
 
 @pytest.mark.parametrize("kind", ["int", "list", "float16", "bfloat16", "float64"])
