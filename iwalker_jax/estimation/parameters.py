@@ -31,7 +31,8 @@ class EstimatorParameters:
         missing_gyro_noise: [rad/s] when a sample is missing and the last angular velocity is held.
         acceleration_error_walk: [m/s^2/sqrt(s)] how fast tilt error times gravity and accelerometer bias wander.
         vertical_error_walk: [m/s^2/sqrt(s)] how fast the accelerometer's bias along the vertical wanders.
-        accelerometer_bias: [m/s^2] standard deviation of its bias. The horizontal part passes for tilt.
+        accelerometer_bias: [m/s^2] standard deviation of its bias, whose horizontal part passes for tilt, and of what
+            else does so: slip, pushes.
         stance_walk: [m/sqrt(s)] slip and rocking of a foot that stands.
         swing_walk: [m/sqrt(s)] freedom of a foot that does not; it is what makes the filter forget a foot's place.
         foot_position_noise: [m] of leg kinematics.
@@ -64,12 +65,12 @@ class EstimatorParameters:
     missing_gyro_noise: Scalar = 1.0
     acceleration_error_walk: Scalar = 0.02
     vertical_error_walk: Scalar = 0.007
-    accelerometer_bias: Scalar = 0.05
+    accelerometer_bias: Scalar = 0.055
     stance_walk: Scalar = 0.01
     swing_walk: Scalar = 0.5
     foot_position_noise: Scalar = 0.001
     foot_velocity_noise: Scalar = 0.3
-    foot_height_noise: Scalar = 0.002
+    foot_height_noise: Scalar = 0.003
     flat_floor: Scalar = 1.0
     contact_ramp: Scalar = 0.02
     image_position_noise: Scalar = 0.005
