@@ -71,6 +71,12 @@ class Variant:
     starts_from: str | None = None
 
 
+def with_free_spacing(config: TrainConfig) -> TrainConfig:
+    """The configuration whose waypoints are spaced by the losses alone."""
+    ipath = dataclasses.replace(config.planner.ipath, even=False)
+    return dataclasses.replace(config, planner=dataclasses.replace(config.planner, ipath=ipath))
+
+
 def study_main(
     title: str,
     description: str,
