@@ -59,7 +59,6 @@ from iwalker_jax.perception import (  # noqa: E402
     softened,
 )
 from iwalker_jax.planning import (  # noqa: E402
-    IPathConfig,
     Planner,
     PlannerConfig,
     SplitModule,
@@ -75,6 +74,7 @@ from iwalker_jax.scenes.depth_noise import DepthNoise  # noqa: E402
 from iwalker_jax.scenes.ray_casting import render_depth  # noqa: E402
 from iwalker_jax.tasks.generated import generated_tasks  # noqa: E402
 from iwalker_jax.tasks.task import Task, TaskArrays, stack_tasks  # noqa: E402
+from iwalker_jax.training import paper_preset  # noqa: E402
 from iwalker_jax.walking import Conditions, Disturbances, sample_conditions, sense_and_control, walk_tick  # noqa: E402
 
 REPEATS = 9
@@ -226,7 +226,7 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
     def step(split: SplitModule[Planner], path: jax.Array) -> jax.Array:
         return plan_steps(navigator.pursuit, split.merge().istepper, path, path[-1], stance, jnp.zeros(2))[0].positions
 
-    published = IPathConfig(variant="paper", trunk_width=64, goal_is_end=True, even=False)
+    published = paper_preset().planner.ipath
     large = dataclasses.replace(published, camera=Intrinsics(640, 360, 320.0, 320.0, 319.5, 179.5))
     rates = {
         "iPath (default)": ipath_rate(planner),

@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from iwalker_jax.commands.shared.training_study import StudyCommand, Variant, study_main
+from iwalker_jax.commands.shared.training_study import StudyCommand, Variant, study_main, with_free_spacing
 from iwalker_jax.training import TrainConfig
 
 
@@ -21,13 +21,12 @@ def ablation_variants(config: TrainConfig) -> tuple[Variant, ...]:
     def weighed(**changes: Any) -> TrainConfig:
         return dataclasses.replace(config, weights=dataclasses.replace(weights, **changes))
 
-    free = dataclasses.replace(config.planner, ipath=dataclasses.replace(config.planner.ipath, even=False))
     return (
         Variant("implicit", config),
         Variant("unrolled", dataclasses.replace(config, gradient="unrolled")),
         Variant("stopped", dataclasses.replace(config, gradient="stopped")),
         Variant("apart", weighed(step_to_path=False)),
-        Variant("uneven", dataclasses.replace(config, planner=free)),
+        Variant("uneven", with_free_spacing(config)),
         Variant("published-map", weighed(clearance=0.0, step_collision=0.0, published_collision=0.02)),
         Variant("tracking-alone", weighed(route=0.0, arrival=0.0, regret=0.0, progress=0.0, clearance=0.0)),
     )

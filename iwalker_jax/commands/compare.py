@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 
 from iwalker_jax.commands.shared.console import say
-from iwalker_jax.commands.shared.training_study import StudyCommand, Variant, study_main
+from iwalker_jax.commands.shared.training_study import StudyCommand, Variant, study_main, with_free_spacing
 from iwalker_jax.evaluation import Table
 from iwalker_jax.evaluation.frames import REFERENCE_NAMES, paper_text, save_paper_tables
 from iwalker_jax.training import TrainConfig
@@ -23,8 +23,7 @@ NOTE = (
 def method_variants(config: TrainConfig) -> tuple[Variant, ...]:
     """Untrained networks; the heuristic baseline, whose waypoints are free as published; its fine-tuning with U_path
     added; PPO on the planner's own network and costs; the planner with free waypoints; and the planner."""
-    free_ipath = dataclasses.replace(config.planner.ipath, even=False)
-    free = dataclasses.replace(config, planner=dataclasses.replace(config.planner, ipath=free_ipath))
+    free = with_free_spacing(config)
     heuristic = dataclasses.replace(free, method="iplanner")
     finetuned = dataclasses.replace(
         heuristic,

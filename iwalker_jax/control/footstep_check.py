@@ -10,7 +10,6 @@ from iwalker_jax.geometry import Side, host, side_of_step, side_sign
 from iwalker_jax.optimization import StepReach
 from iwalker_jax.runtime import read_text
 
-_MAX_FILE_BYTES = 16 * 1024 * 1024
 _LARGEST_TURN = 0.6  # rad between successive feet; the hip yaws by half of it either way
 
 
@@ -69,7 +68,7 @@ def load_footsteps(file: Path) -> tuple[np.ndarray, np.ndarray, Side]:
         InputError: with the line that is wrong.
     """
     try:
-        text = read_text(Path(file), _MAX_FILE_BYTES)
+        text = read_text(Path(file))
     except InputError as error:
         raise InputError(f"The footstep file {file} cannot be read: it {error}") from None
     rows: list[tuple[Side, float, float, float]] = []

@@ -10,15 +10,23 @@ from iwalker_jax.estimation.sensors import (
     simulate_sensors,
     specific_force,
 )
-from iwalker_jax.estimation.state import EstimatorState, estimated_qpos_qvel, initial_estimate
+from iwalker_jax.estimation.state import (
+    BelievedErrors,
+    EstimatorState,
+    believed_errors,
+    estimated_qpos_qvel,
+    initial_estimate,
+)
 
 __all__ = [
+    "BelievedErrors",
     "EstimatorParameters",
     "EstimatorState",
     "Health",
     "Readings",
     "SensorNoise",
     "SensorState",
+    "believed_errors",
     "estimate_step",
     "estimated_qpos_qvel",
     "initial_estimate",

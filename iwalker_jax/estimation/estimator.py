@@ -17,14 +17,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from iwalker_jax.estimation import axis_filter
-from iwalker_jax.estimation.axis_filter import BIAS, POSITION, VELOCITY, Belief
+from iwalker_jax.estimation.axis_filter import BIAS, DRIFT, LEFT_FOOT, POSITION, RIGHT_FOOT, VELOCITY, Belief
 from iwalker_jax.estimation.parameters import EstimatorParameters
 from iwalker_jax.estimation.readings import Readings, within_range
 from iwalker_jax.estimation.state import EstimatorState
 from iwalker_jax.geometry import rotations as attitude
 from iwalker_jax.robot import LegKinematics, foot_motion
 
-_FEET = (axis_filter.RIGHT_FOOT, axis_filter.LEFT_FOOT)
+_FEET = (RIGHT_FOOT, LEFT_FOOT)
 
 
 def estimate_step(
@@ -51,19 +51,28 @@ def estimate_step(
     belief = _predicted(parameters, state, acceleration, trust)
     state = _with_joints(parameters, legs, state, readings)
     belief, state = _legs_measured(parameters, legs, belief, state, trust)
+    yaw_correction = -state.image_correction[3]
     belief, state = _image_measured(parameters, belief, state, readings)
+    yaw_correction += state.image_correction[3]
 
     # A tilt error d (a rotation vector in the world) makes an acceleration error d x g.
     error_x, error_y, bias = belief.mean[BIAS]
     tilt = jnp.stack([error_y, -error_x, jnp.zeros_like(bias)]) / parameters.gravity
+    share = period / parameters.doubt_time
+    corrected = tilt.at[2].set(yaw_correction)
+    mean_turn = state.mean_turn + share * (corrected / period - state.mean_turn)
+    health = state.health._replace(gyro_doubted=jnp.sum(mean_turn**2) > parameters.doubted_turn**2)
     tilt = tilt @ attitude.rotation_matrix(state.quaternion)
     return state._replace(
+        mean_turn=mean_turn,
+        health=health,
         quaternion=attitude.turn_in_body(state.quaternion, tilt),
         gyro_bias=state.gyro_bias - parameters.gyro_bias_gain * tilt,
         position=belief.mean[POSITION],
         velocity=belief.mean[VELOCITY],
         accelerometer_bias=bias,
-        feet=belief.mean[axis_filter.RIGHT_FOOT :],
+        feet=belief.mean[RIGHT_FOOT : LEFT_FOOT + 1],
+        odometry_drift=belief.mean[DRIFT],
         covariance=belief.covariance,
         contact_trust=trust,
     )
@@ -84,12 +93,21 @@ def _turn_and_accelerate(
     # The specific force belongs to the attitude at the beginning of the period.
     error = attitude.tilt_error(vertical, force, parameters.gravity, parameters.tilt_gate)
     turn = period * (angular_velocity + parameters.tilt_rate * error)
+    acceleration = rotation @ force - jnp.asarray([0, 0, 1], force.dtype) * parameters.gravity
+    share = period / parameters.doubt_time
+    mean_acceleration = state.mean_acceleration + share * (acceleration - state.mean_acceleration)
+    health = state.health._replace(
+        gyro_rejected=~gyro_usable,
+        accelerometer_rejected=~force_usable,
+        accelerometer_doubted=jnp.sum(mean_acceleration**2) > parameters.doubted_acceleration**2,
+    )
     state = state._replace(
         quaternion=attitude.turn_in_body(state.quaternion, turn),
         angular_velocity=angular_velocity,
-        health=state.health._replace(gyro_rejected=~gyro_usable, accelerometer_rejected=~force_usable),
+        mean_acceleration=mean_acceleration,
+        health=health,
     )
-    return state, rotation @ force - jnp.asarray([0, 0, 1], force.dtype) * parameters.gravity
+    return state, acceleration
 
 
 def _predicted(
@@ -98,7 +116,8 @@ def _predicted(
     """Belief carried over the period."""
     period = parameters.control_period
     bias = state.accelerometer_bias * jnp.asarray([0, 0, 1], acceleration.dtype)
-    mean = jnp.concatenate([jnp.stack([state.position, state.velocity, bias]), state.feet])
+    considered = jnp.zeros_like(bias)
+    mean = jnp.stack([state.position, state.velocity, bias, *state.feet, considered, state.odometry_drift])
     std = jnp.where(
         state.health.accelerometer_rejected, parameters.missing_acceleration_noise, parameters.acceleration_noise
     )
@@ -106,8 +125,13 @@ def _predicted(
     # Turning unseen for a period tilts, and tilt times gravity is an acceleration error.
     unseen = jnp.where(state.health.gyro_rejected, parameters.gravity * parameters.missing_gyro_noise, 0)
     error = parameters.acceleration_error_walk**2 + period * unseen**2
-    walk = jnp.stack([jnp.zeros_like(error), jnp.zeros_like(error), error])
-    drift = period * jnp.concatenate([walk, feet])
+    zero = jnp.zeros_like(error)
+    speed = jnp.sqrt(
+        jnp.sum(state.velocity[:2] ** 2) + 1e-6
+    )  # a standing robot's odometry rests, the derivative is there
+    horizontal = jnp.stack([zero, zero, error, *feet, zero, speed * parameters.image_drift**2])
+    vertical = jnp.stack([zero, zero, zero + parameters.vertical_error_walk**2, *feet, zero, zero])
+    drift = period * jnp.stack([horizontal, vertical])
     return axis_filter.predict(Belief(mean, state.covariance), acceleration, period, std**2, drift)
 
 
@@ -191,14 +215,15 @@ def _image_measured(
     used = readings.image_arrived & usable
     # Weights of linear interpolation between the two remembered poses around the image's time.
     hat = jnp.maximum(0, 1 - jnp.abs(jnp.arange(ticks) - jnp.where(used, age, 0)))
-    innovation = jnp.where(used, image - hat @ memory - state.image_correction, 0)
+    drifted = jnp.append(belief.mean[DRIFT], 0)
+    innovation = jnp.where(used, image - hat @ memory - state.image_correction - drifted, 0)
     yaw = jnp.clip(attitude.wrap_angle(innovation[3]), -parameters.yaw_gate, parameters.yaw_gate)
 
     before = belief.mean[POSITION]
     weight = jnp.ones(2, pose.dtype) * used
     variance = jnp.zeros_like(age) + parameters.image_position_noise**2
     belief, residual = axis_filter.update(
-        belief, axis_filter.measures(POSITION), innovation[:3], variance, weight, parameters.outlier_gate
+        belief, axis_filter.measures(POSITION, DRIFT), innovation[:3], variance, weight, parameters.outlier_gate
     )
     turn = parameters.yaw_gain * yaw
     correction = jnp.concatenate([belief.mean[POSITION] - before, turn[None]])

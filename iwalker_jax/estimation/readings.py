@@ -38,6 +38,8 @@ class Health(NamedTuple):
     Attributes:
         gyro_rejected: () bool, the last angular velocity was held.
         accelerometer_rejected: () bool, constant velocity was assumed.
+        gyro_doubted: () bool, the attitude has had to be corrected for long: reversed, scaled or stuck.
+        accelerometer_doubted: () bool, it has told of an acceleration for long that no walk has: likewise.
         joints_rejected: (2,) bool by leg (right, left), the last positions and velocities were held and not used.
         image_rejected: () bool, a pose arrived that was not finite or older than the remembered poses.
         foot_residual: (2,) how far each foot lay from where it was believed to stand.
@@ -47,6 +49,8 @@ class Health(NamedTuple):
 
     gyro_rejected: Bool[Array, ""]
     accelerometer_rejected: Bool[Array, ""]
+    gyro_doubted: Bool[Array, ""]
+    accelerometer_doubted: Bool[Array, ""]
     joints_rejected: Bool[Array, "2"]
     image_rejected: Bool[Array, ""]
     foot_residual: Float[Array, "2"]

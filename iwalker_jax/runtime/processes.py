@@ -12,6 +12,7 @@ import numpy as np
 import orbax.checkpoint as ocp
 from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from iwalker_jax.errors import InputError
@@ -107,7 +108,7 @@ def device_put(tree: Any, mesh: Mesh | None, *axes: str) -> Any:
         return jax.tree.map(lambda leaf: jnp.array(np.asarray(leaf)), tree)
     sharding = NamedSharding(mesh, PartitionSpec(*axes))
 
-    def placed(leaf: Array) -> Array:
+    def placed(leaf: ArrayLike) -> Array:
         whole = np.array(leaf)
         return jax.make_array_from_callback(whole.shape, sharding, lambda index: whole[index])
 

@@ -6,6 +6,9 @@ from pathlib import Path
 
 from iwalker_jax.errors import InputError
 
+MOST_TEXT = 16 * 1024 * 1024
+"""[bytes] of a table or list that is read into memory whole."""
+
 _MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 
 
@@ -34,7 +37,7 @@ def read_bytes(file: Path, most: int) -> bytes:
     return content
 
 
-def read_text(file: Path, most: int) -> str:
+def read_text(file: Path, most: int = MOST_TEXT) -> str:
     """Text of a file as `read_bytes`; a byte order mark is taken for what it says and left out.
 
     Raises:

@@ -47,11 +47,10 @@ def clearance_grid(scene: Scene, resolution: float, most: float) -> ClearanceGri
         last = np.clip(np.ceil((centre + reach + most - low) / resolution).astype(int), 0, shape)
         return slice(first[0], last[0]), slice(first[1], last[1])
 
-    for cx, cy, cz, hx, hy, hz, yaw in scene.boxes:
+    for (cx, cy, cz, hx, hy, hz, yaw), reach in zip(scene.boxes, box_reach(scene.boxes), strict=True):
         if not _in_band(cz, hz):
             continue
         cos, sin = np.cos(yaw), np.sin(yaw)
-        reach = np.array([abs(cos) * hx + abs(sin) * hy, abs(sin) * hx + abs(cos) * hy])
         rows, columns = window(np.array([cx, cy]), reach)
         dx, dy = x[rows, None] - cx, y[None, columns] - cy
         along, across = np.abs(cos * dx + sin * dy) - hx, np.abs(cos * dy - sin * dx) - hy
@@ -63,6 +62,12 @@ def clearance_grid(scene: Scene, resolution: float, most: float) -> ClearanceGri
             to_cylinder = np.hypot(x[rows, None] - cx, y[None, columns] - cy) - radius
             np.minimum(distance[rows, columns], to_cylinder, out=distance[rows, columns])
     return ClearanceGrid(distance, low, resolution)
+
+
+def box_reach(boxes: Float[np.ndarray, "n 7"]) -> Float[np.ndarray, "n 2"]:
+    """Half extents [m] of turned boxes along x and y."""
+    cos, sin = np.abs(np.cos(boxes[:, 6])), np.abs(np.sin(boxes[:, 6]))
+    return np.column_stack([cos * boxes[:, 3] + sin * boxes[:, 4], sin * boxes[:, 3] + cos * boxes[:, 4]])
 
 
 def _in_band(centre: float, half: float) -> bool:

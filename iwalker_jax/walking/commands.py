@@ -29,7 +29,6 @@ MotionKind = Literal["stand", "in_place", "straight", "sideways", "turn", "s_cur
 CURVE_RADIUS = 1.0
 """[m] of both arcs of the S-curve."""
 _PACE_CHANGE = 0.03  # [m] by which successive steps may lengthen
-_MAX_FILE_BYTES = 16 * 1024 * 1024  # of a path
 _ROWS = 64  # of a plan, or a multiple
 _LONGEST_WALK = 1000.0  # [m]
 _MOST_STEPS = 100_000
@@ -198,7 +197,7 @@ def load_path(file: Path) -> Float[np.ndarray, "n 2"]:
         InputError: with what is wrong.
     """
     try:
-        lines = read_text(Path(file), _MAX_FILE_BYTES).splitlines()
+        lines = read_text(Path(file)).splitlines()
     except InputError as error:
         raise InputError(f"The path file {file} cannot be read: it {error}") from None
     points: list[list[float]] = []

@@ -187,7 +187,9 @@ def start_memory(walker: Walker, conditions: Conditions) -> ControllerMemory:
     if walker.noise is not None:
         sensors = initial_sensors(walker.noise, conditions.key, conditions.qpos)
         level = terms.base_rotation.T @ jnp.asarray([0.0, 0.0, GRAVITY], terms.com.dtype)
-        sensing = Sensing(sensors, initial_estimate(walker.legs, conditions.qpos, conditions.qvel), level)
+        sensing = Sensing(
+            sensors, initial_estimate(walker.legs, conditions.qpos, conditions.qvel, parameters=walker.estimator), level
+        )
     torques = jnp.zeros((MAX_DELAY + 1, walker.robot.motor_moments.shape[0]), terms.com.dtype)
     return ControllerMemory(initial_controller(walker.controller, terms), sensing, torques, jnp.ones(2, bool))
 

@@ -5,36 +5,72 @@ import jax.numpy as jnp
 import numpy as np
 
 from iwalker_jax.estimation import axis_filter
-from iwalker_jax.estimation.axis_filter import LEFT_FOOT, POSITION, RIGHT_FOOT, VELOCITY, Belief
+from iwalker_jax.estimation.axis_filter import (
+    BIAS,
+    CONSIDERED,
+    LEFT_FOOT,
+    POSITION,
+    RIGHT_FOOT,
+    STATES,
+    VELOCITY,
+    Belief,
+)
+from iwalker_jax.estimation.axis_filter import DRIFT as ODOMETRY_DRIFT
 
 PERIOD = 0.002
-DRIFT = np.array([0, 0, 0.05, 0.004, 0.5]) ** 2 * PERIOD
+DRIFT = np.array([0, 0, 0.05, 0.004, 0.5, 0, 0.004]) ** 2 * PERIOD
 ACCELERATION_STD = 0.5
-MEASUREMENTS = (((RIGHT_FOOT,), 1e-3), ((LEFT_FOOT,), 1e-3), ((VELOCITY,), 0.1), ((POSITION, RIGHT_FOOT), 4e-3))
+MEASUREMENTS = (
+    ((RIGHT_FOOT,), 1e-3),
+    ((LEFT_FOOT,), 1e-3),
+    ((VELOCITY,), 0.1),
+    ((POSITION, ODOMETRY_DRIFT), 5e-3),
+    ((POSITION, RIGHT_FOOT), 4e-3),
+)
+DEPTH, GRAVITY = -0.4, 9.81
 
 
 def dense_transition(dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Transition and input column, written out again."""
     f = np.array(
         [
-            [1, dt, -(dt**2) / 2, 0, 0],
-            [0, 1, -dt, 0, 0],
-            [0, 0, 1, 0, 0],
-            [0, -dt, dt**2 / 2, 1, 0],
-            [0, -dt, dt**2 / 2, 0, 1],
+            [1, dt, -(dt**2) / 2, 0, 0, 0, 0],
+            [0, 1, -dt, 0, 0, 0, 0],
+            [0, 0, 1, 0, 0, 0, 0],
+            [0, -dt, dt**2 / 2, 1, 0, 0, 0],
+            [0, -dt, dt**2 / 2, 0, 1, 0, 0],
+            [0, 0, 0, 0, 0, 1, 0],
+            [0, 0, 0, 0, 0, 0, 1],
         ]
     )
-    return f, np.array([dt**2 / 2, dt, 0, -(dt**2) / 2, -(dt**2) / 2])
+    return f, np.array([dt**2 / 2, dt, 0, -(dt**2) / 2, -(dt**2) / 2, 0, 0])
+
+
+def measured_row(rows: tuple[int, ...]) -> np.ndarray:
+    """(2, 7) rows, written again; horizontally, a foot 0.4 m below the base is seen through the tilt (b - c) / g."""
+    row = np.tile(np.isin(np.arange(STATES), rows).astype(float), (2, 1))
+    if rows in ((RIGHT_FOOT,), (LEFT_FOOT,)):
+        row[0, [BIAS, CONSIDERED]] = DEPTH / GRAVITY, -DEPTH / GRAVITY
+    return row
+
+
+def test_rows():
+    """Oracle: the rows by hand."""
+    for rows, _ in MEASUREMENTS[2:]:
+        np.testing.assert_array_equal(axis_filter.measures(*rows), measured_row(rows))
+    for foot in (RIGHT_FOOT, LEFT_FOOT):
+        row = axis_filter.measures_foot(foot, jnp.asarray(-DEPTH), GRAVITY)
+        np.testing.assert_allclose(row, measured_row((foot,)), rtol=1e-6)
 
 
 def random_belief(rng) -> Belief:
-    root = rng.normal(size=(2, 5, 5)) * np.array([1e-2, 5e-2, 1e-1, 1e-2, 1e-2])[:, None]
-    covariance = root @ np.swapaxes(root, 1, 2) + 1e-6 * np.eye(5)
-    return Belief(jnp.asarray(rng.normal(size=(5, 3))), jnp.asarray(covariance))
+    root = rng.normal(size=(2, 7, 7)) * np.array([1e-2, 5e-2, 1e-1, 1e-2, 1e-2, 5e-2, 1e-2])[:, None]
+    covariance = root @ np.swapaxes(root, 1, 2) + 1e-6 * np.eye(STATES)
+    return Belief(jnp.asarray(rng.normal(size=(STATES, 3))), jnp.asarray(covariance))
 
 
 def test_predict_and_update_equal_the_textbook(x64):
-    """Oracle: dense Kalman filter in NumPy with the Joseph form, one axis at a time."""
+    """Oracle: dense Kalman filter in NumPy with the Joseph form, one axis at a time, whose gain for c is zero."""
     rng = np.random.default_rng(0)
     belief, acceleration = random_belief(rng), rng.normal(size=3)
     f, g = dense_transition(PERIOD)
@@ -48,18 +84,18 @@ def test_predict_and_update_equal_the_textbook(x64):
         innovation = rng.normal(size=3) * 0.01
         belief, _ = axis_filter.update(
             belief,
-            axis_filter.measures(*rows),
+            jnp.asarray(measured_row(rows)),
             jnp.asarray(innovation),
             jnp.asarray(std**2),
             jnp.asarray([1.0, 0.5]),
             1e9,
         )
-        h = np.isin(np.arange(5), rows).astype(float)
         for axis, weight in enumerate((1.0, 1.0, 0.5)):
+            h = measured_row(rows)[axis // 2]
             p, r = covariances[axis], std**2 / weight
-            k = p @ h / (h @ p @ h + r)
+            k = p @ h / (h @ p @ h + r) * (np.arange(STATES) != CONSIDERED)
             means[axis] = means[axis] + k * innovation[axis]
-            joseph = np.eye(5) - np.outer(k, h)
+            joseph = np.eye(STATES) - np.outer(k, h)
             covariances[axis] = joseph @ p @ joseph.T + r * np.outer(k, k)
     np.testing.assert_allclose(belief.mean, np.stack(means, 1), rtol=1e-10, atol=1e-13)
     np.testing.assert_allclose(belief.covariance, np.stack([covariances[0], covariances[2]]), rtol=1e-8, atol=1e-14)
@@ -86,26 +122,28 @@ def test_outlier_pulls_no_harder_than_at_the_gate(x64):
 def test_covariance_is_consistent(x64):
     """Oracle: chi-square. Simulated with the filter's own model, normalised squared errors average the state count."""
     f, g = (jnp.asarray(a) for a in dense_transition(PERIOD))
-    start = jnp.asarray([2e-3, 2e-2, 5e-2, 2e-3, 2e-3])
+    start = jnp.asarray([2e-3, 2e-2, 5e-2, 2e-3, 2e-3, 5e-2, 1e-3])
 
     def run(key):
         key, key_start = jax.random.split(key)
-        truth = start[:, None] * jax.random.normal(key_start, (5, 3))
-        belief = Belief(jnp.zeros((5, 3)), jnp.tile(jnp.diag(start**2), (2, 1, 1)))
+        truth = start[:, None] * jax.random.normal(key_start, (STATES, 3))
+        belief = Belief(jnp.zeros((STATES, 3)), jnp.tile(jnp.diag(start**2), (2, 1, 1)))
 
         def tick(carry, k):
             truth, belief = carry
-            noise = jax.random.normal(jax.random.fold_in(key, k), (4 + 5, 3))
+            noise = jax.random.normal(jax.random.fold_in(key, k), (STATES + 5, 3))
             acceleration = jnp.sin(0.05 * k + jnp.arange(3.0))
-            truth = f @ truth + g[:, None] * acceleration + jnp.sqrt(DRIFT)[:, None] * noise[:5]
-            measured = acceleration + ACCELERATION_STD * noise[5]
+            truth = f @ truth + g[:, None] * acceleration + jnp.sqrt(DRIFT)[:, None] * noise[:STATES]
+            measured = acceleration + ACCELERATION_STD * noise[STATES]
             belief = axis_filter.predict(belief, measured, PERIOD, ACCELERATION_STD**2, jnp.asarray(DRIFT))
-            for i, (rows, std) in enumerate(MEASUREMENTS[:3]):
-                reading = truth[rows[0]] + std * noise[6 + i]
+            for i, (rows, std) in enumerate(MEASUREMENTS[:4]):
+                row = jnp.asarray(measured_row(rows))
+                by_axis = row[jnp.asarray([0, 0, 1])]
+                reading = jnp.sum(by_axis.T * truth, axis=0) + std * noise[STATES + 1 + i]
                 belief, _ = axis_filter.update(
                     belief,
-                    axis_filter.measures(*rows),
-                    reading - belief.mean[rows[0]],
+                    row,
+                    reading - jnp.sum(by_axis.T * belief.mean, axis=0),
                     jnp.asarray(std**2),
                     jnp.ones(2),
                     1e9,
@@ -119,9 +157,9 @@ def test_covariance_is_consistent(x64):
         return jax.lax.scan(tick, (truth, belief), jnp.arange(300))[1]
 
     squares = np.asarray(jax.jit(jax.vmap(run))(jax.random.split(jax.random.key(0), 100)))
-    # 300 independent axes at each of a few instants far apart: 5 +- 3 standard errors.
+    # 300 independent axes at each of a few instants far apart: 7 +- 3 standard errors.
     for k in (0, 20, 100, 299):
-        assert abs(squares[:, k].mean() - 5) < 3 * np.sqrt(2 * 5 / squares[:, k].size), k
+        assert abs(squares[:, k].mean() - STATES) < 3 * np.sqrt(2 * STATES / squares[:, k].size), k
 
 
 def test_single_precision_stays_symmetric_positive_definite_far_from_home():
@@ -129,16 +167,22 @@ def test_single_precision_stays_symmetric_positive_definite_far_from_home():
 
     def tick(belief, k):
         swing = (k // 120) % 2
-        drift = jnp.asarray([0, 0, 2.5e-3, 0, 0]) * PERIOD
+        drift = jnp.asarray([0, 0, 2.5e-3, 0, 0, 0, 1e-5]) * PERIOD
         feet = jnp.stack([jnp.where(swing == 0, 0.25, 1.6e-5), jnp.where(swing == 1, 0.25, 1.6e-5)]) * PERIOD
-        belief = axis_filter.predict(belief, jnp.zeros(3), PERIOD, jnp.asarray(0.25), drift.at[3:].set(feet))
+        belief = axis_filter.predict(belief, jnp.zeros(3), PERIOD, jnp.asarray(0.25), drift.at[3:5].set(feet))
         for rows, std in MEASUREMENTS[:3]:
             belief, _ = axis_filter.update(
-                belief, axis_filter.measures(*rows), jnp.zeros(3), jnp.asarray(std**2), jnp.ones(2), 3.0
+                belief,
+                jnp.asarray(measured_row(rows), jnp.float32),
+                jnp.zeros(3),
+                jnp.asarray(std**2),
+                jnp.ones(2),
+                3.0,
             )
         return belief, None
 
-    start = Belief(jnp.zeros((5, 3)), jnp.tile(jnp.diag(jnp.asarray([4e-6, 4e-4, 2.5e-3, 4e-6, 4e-6])), (2, 1, 1)))
+    variances = jnp.asarray([4e-6, 4e-4, 2.5e-3, 4e-6, 4e-6, 2.5e-3, 1e-8])
+    start = Belief(jnp.zeros((STATES, 3)), jnp.tile(jnp.diag(variances), (2, 1, 1)))
     (end, _) = jax.jit(lambda b: jax.lax.scan(tick, b, jnp.arange(300_000)))(start)
     covariance = np.asarray(end.covariance, np.float64)
     assert covariance.dtype == np.float64 and end.covariance.dtype == jnp.float32

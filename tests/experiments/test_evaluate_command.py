@@ -201,4 +201,4 @@ def test_a_missing_or_empty_run_is_one_sentence(tmp_path, capsys, made):
         (folder / "checkpoints").mkdir(parents=True)
     sentence = fails_with_one_sentence(lambda: evaluate_command(folder), capsys)
     assert "checkpoint" in sentence
-    assert "experiments.train" in sentence
+    assert "iwalker-train" in sentence

@@ -155,8 +155,6 @@ def test_bad_recordings_are_one_sentence(tmp_path, capsys, make, words):
         (("--devices", "64"), "devices"),
         (("--seed", "-1"), "seed of the training is -1"),
         (("--seed", "1" + 400 * "0"), "seed of the training"),
-        (("--source.seed", "-1"), "seed of the frames is -1"),
-        (("--source.frames", "1000000000"), "at most 1000000"),
         (("--batch-size", "1000000000"), "at most 65536"),
         (("--unseen-scenes", "1000000000"), "at most 1000000"),
     ],
@@ -169,6 +167,8 @@ def test_bad_options_are_one_sentence(tmp_path, capsys, arguments, words):
     ("arguments", "words"),
     [
         (("--planner.ipath.trunk-width", "1"), "4 trunk channels"),
+        (("--source.seed", "-1"), "seed of the frames is -1"),
+        (("--source.frames", "1000000000"), "at most 1000000"),
         (("--epochs", "many"), "invalid literal"),
         (("--colour", "blue"), "--colour"),
     ],

@@ -58,9 +58,10 @@ def test_distance_equals_brute_force_over_the_outlines(x64):
 
 
 def test_only_geoms_in_the_height_band_count():
-    """Oracle: by construction, a lintel and a doormat are no obstacles, a table top is."""
+    """Oracle: by construction, a lintel and a doormat are no obstacles, a book on the floor and a table top are."""
     point = jnp.asarray([[0.0, 0.0]])
-    for z_low, z_high, blocks in ((2.0, 2.5, False), (0.0, 0.04, False), (0.68, 0.72, True), (0.0, 3.0, True)):
+    bands = ((2.0, 2.5, False), (0.0, 0.02, False), (0.0, 0.04, True), (0.68, 0.72, True), (0.0, 3.0, True))
+    for z_low, z_high, blocks in bands:
         box = np.array([[0.0, 0.0, (z_low + z_high) / 2, 1.0, 1.0, (z_high - z_low) / 2, 0.0]])
         cylinder = np.array([[0.0, 0.0, (z_low + z_high) / 2, 1.0, (z_high - z_low) / 2]])
         for scene in (make_scene(box, np.empty((0, 5))), make_scene(np.empty((0, 7)), cylinder)):

@@ -119,9 +119,8 @@ def sensed(noise: SensorNoise) -> Any:
 def estimated(parameters: EstimatorParameters) -> Any:
     """One step of the estimator on readings of everything."""
     qpos, qvel = jnp.asarray(bruce().home, jnp.float32), jnp.full(22, 0.1)
-    return estimate_step(
-        parameters, legs(), initial_estimate(legs(), qpos, qvel), sensed(SensorNoise())[1], jnp.asarray([1.0, 0.0])
-    )
+    start = initial_estimate(legs(), qpos, qvel, parameters=parameters)
+    return estimate_step(parameters, legs(), start, sensed(SensorNoise())[1], jnp.asarray([1.0, 0.0]))
 
 
 def photographed(noise: DepthNoise) -> Any:

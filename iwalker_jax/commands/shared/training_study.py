@@ -27,9 +27,11 @@ from iwalker_jax.evaluation.frames import (
     ReferencePlanner,
     evaluate_sequence,
     frame_values,
+    goal_routes,
     standard_sequences,
 )
 from iwalker_jax.planning import Planner, PlannerModels
+from iwalker_jax.scenes import RouteMap
 from iwalker_jax.training import TrainConfig, TrainingData, make_planner, planner_from, train
 
 
@@ -67,6 +69,12 @@ class Variant:
     config: TrainConfig
     trained: bool = True
     starts_from: str | None = None
+
+
+def with_free_spacing(config: TrainConfig) -> TrainConfig:
+    """The configuration whose waypoints are spaced by the losses alone."""
+    ipath = dataclasses.replace(config.planner.ipath, even=False)
+    return dataclasses.replace(config, planner=dataclasses.replace(config.planner, ipath=ipath))
 
 
 def study_main(
@@ -115,13 +123,14 @@ def run_training_study(
     """
     camera = variants[0].config.planner.ipath.camera
     sequences = standard_sequences(unseen_scenes=unseen_scenes, say=say, camera=camera)
+    judged = [(sequence, goal_routes(sequence)) for sequence in sequences]
     scores: dict[tuple[str, str], list[dict[str, float]]] = {}
     table = None
     for seed in range(seeds):
         trained: dict[str, Planner] = {}
         for name in REFERENCE_NAMES:
             reference = ReferencePlanner(name, variants[0].config.planner)
-            _score(name, reference, variants[0].config.models, sequences, seed, scores)
+            _score(name, reference, variants[0].config.models, judged, seed, scores)
         for variant in variants:
             config = dataclasses.replace(variant.config, seed=seed)
             if variant.trained:
@@ -132,7 +141,7 @@ def run_training_study(
             else:
                 planner = make_planner(config)
             trained[variant.label] = planner
-            _score(variant.label, planner, variant.config.models, sequences, seed, scores)
+            _score(variant.label, planner, variant.config.models, judged, seed, scores)
         rows = tuple(
             ((label, sequence.name), tuple(scores[label, sequence.name]))
             for sequence in sequences
@@ -168,11 +177,11 @@ def _score(
     label: str,
     planner: Planner | ReferencePlanner,
     models: PlannerModels,
-    sequences: list[FrameSequence],
+    sequences: Sequence[tuple[FrameSequence, Sequence[RouteMap]]],
     seed: int,
     scores: dict[tuple[str, str], list[dict[str, float]]],
 ) -> None:
     """Add the planner's figures on every sequence; robots are in the same states for every planner of a seed."""
-    for sequence in sequences:
-        result = evaluate_sequence(planner, models, sequence, seed=seed)
+    for sequence, routes in sequences:
+        result = evaluate_sequence(planner, models, sequence, seed=seed, routes=routes)
         scores.setdefault((label, sequence.name), []).append(frame_values(result))

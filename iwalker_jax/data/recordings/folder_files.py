@@ -8,11 +8,11 @@ from pathlib import Path
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime import printable, read_text
+from iwalker_jax.runtime.reading import MOST_TEXT
 
 MAX_IMAGES = 20_000
 """Images of one recording: an hour at five a second."""
 
-MAX_TEXT_BYTES = 16 * 1024 * 1024
 MAX_ROWS = 500_000
 
 _DECIMAL = re.compile(r"(\d+(?:\.\d+)?)")
@@ -82,7 +82,7 @@ def inside(folder: Path, name: object, what: str) -> Path:
     return folder / name
 
 
-def read_folder_text(folder: Path, name: str, most: int = MAX_TEXT_BYTES) -> str:
+def read_folder_text(folder: Path, name: str, most: int = MOST_TEXT) -> str:
     """A text file of the recording's folder; links must not lead out of it, for its lines may be shown.
 
     Raises:

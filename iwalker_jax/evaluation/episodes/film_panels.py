@@ -87,7 +87,7 @@ def map_panel(
     """The robot's map from above, forward up, with path, footsteps and where the goal lies.
 
     Args:
-        occupied: cells of the map's window, whose axes are the world's.
+        occupied: cells of the map's window, whose axes are the world's; however many were recorded.
         middle: [m] where the robot was when the window moved last.
         pose: (x [m], y [m], yaw [rad]) from where the map is seen.
         plan: to draw, in the base frame of that pose.
@@ -95,7 +95,8 @@ def map_panel(
         memory: of the window.
     """
     width, height = size
-    side = memory.cells * memory.resolution
+    side, cells = memory.cells * memory.resolution, len(occupied)
+    resolution = side / cells
     scale = width / side
     image = np.full((height, width, 3), _FREE, np.uint8)
 
@@ -106,13 +107,13 @@ def map_panel(
     left = (side / 2 - (np.arange(width) + 0.5) / scale)[None]
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     place = np.stack([pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left])
-    lowest = np.round(middle / memory.resolution).astype(int) - memory.cells // 2
-    cell = np.floor(place / memory.resolution).astype(int) - lowest[:, None, None]
-    inside = ((cell >= 0) & (cell < memory.cells)).all(axis=0)
+    lowest = np.round(middle / resolution).astype(int) - cells // 2
+    cell = np.floor(place / resolution).astype(int) - lowest[:, None, None]
+    inside = ((cell >= 0) & (cell < cells)).all(axis=0)
     origin = pixels(np.zeros((1, 2)))[0]
     for metres in range(1, 6):
         cv2.circle(image, _fixed(origin), round(metres * scale * 2**_FRACTION), _GRID, 1, cv2.LINE_AA, _FRACTION)
-    row, column = np.clip(cell, 0, memory.cells - 1)
+    row, column = np.clip(cell, 0, cells - 1)
     image[inside & occupied[row, column]] = _WALL
     _polyline(image, pixels(plan.path), _RED, 2)
     for place, foot in zip(pixels(plan.footsteps), plan.sides, strict=True):

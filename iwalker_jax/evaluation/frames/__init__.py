@@ -18,6 +18,7 @@ from iwalker_jax.evaluation.frames.sequences import (
     FrameSequence,
     SequenceResult,
     evaluate_sequence,
+    goal_routes,
     record_held_out_sequence,
     record_unseen_scenes,
 )
@@ -41,6 +42,7 @@ __all__ = [
     "evaluate_sequence",
     "frame_values",
     "goal_in_view",
+    "goal_routes",
     "goal_served",
     "paper_text",
     "plan_metrics",

@@ -179,8 +179,7 @@ def paper_text(results: Table, note: str = "", even: Collection[str] = ()) -> st
     """All tables as plain text, and a note below."""
     parts = []
     for table in PAPER_TABLES:
-        blocks = [f"{_heading(results, table)}\n{aligned_text(paper_cells(results, table, even, mark='*'))}"]
-        blocks += [f"{title}\n{aligned_text(cells)}" for title, cells in _further(results, table)]
+        blocks = [f"{title}\n{aligned_text(cells)}" for title, cells in _blocks(results, table, even, mark="*")]
         parts.append("\n\n".join(blocks) + f"\n{verdict(results, table)}")
     return "\n\n".join([*parts, note] if note else parts)
 
@@ -197,8 +196,9 @@ def save_paper_tables(results: Table, folder: Path, note: str = "", even: Collec
     write_text(folder / "paper_tables.txt", paper_text(results, note, even) + "\n")
     parts = []
     for table in PAPER_TABLES:
-        blocks = [f"### {_heading(results, table)}\n\n{markdown_table(paper_cells(results, table, even))}"]
-        blocks += [f"{title}:\n\n{markdown_table(cells)}" for title, cells in _further(results, table)]
+        (heading, cells), *further = _blocks(results, table, even)
+        blocks = [f"### {heading}\n\n{markdown_table(cells)}"]
+        blocks += [f"{title}:\n\n{markdown_table(table_cells)}" for title, table_cells in further]
         parts.append("\n\n".join(blocks) + f"\n\n{verdict(results, table)}\n")
     write_text(folder / "paper_tables.md", "\n".join([*parts, note + "\n"] if note else parts))
     lines: list[list[object]] = [["table", "metric", "method", "scene", "mean", "deviation", "uncharged", "seeds"]]
@@ -220,9 +220,11 @@ def _mean(seeds: np.ndarray) -> str:
     return f"{text} +- {spread(seeds):.{_DECIMALS}f}" if len(seeds) > 1 else text
 
 
-def _further(results: Table, table: PaperTable) -> list[tuple[str, list[list[str]]]]:
-    """What stands below a table: its differences with intervals, and the comparison with the paper's own figures."""
-    blocks = []
+def _blocks(
+    results: Table, table: PaperTable, even: Collection[str], mark: str = "**"
+) -> list[tuple[str, list[list[str]]]]:
+    """Titles and cells: the means; their differences with intervals; and the paper's own figures, if it has any."""
+    blocks = [(_heading(results, table), paper_cells(results, table, even, mark))]
     differences = difference_cells(results, table)
     if differences:
         blocks.append(("Differences, with the paired 95 % interval over the seeds", differences))

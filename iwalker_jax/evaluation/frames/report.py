@@ -9,6 +9,7 @@ from iwalker_jax.evaluation.frames.reference_plans import REFERENCE_NAMES, Refer
 from iwalker_jax.evaluation.frames.sequences import (
     FrameSequence,
     evaluate_sequence,
+    goal_routes,
     record_held_out_sequence,
     record_unseen_scenes,
 )
@@ -48,10 +49,11 @@ def evaluate_all(
     rows = []
     for sequence in sequences:
         say(f"evaluating {sequence.name} ({len(sequence.frames)} frames)")
-        result = evaluate_sequence(planner, models, sequence)
+        routes = None if sequence.scenes is None else goal_routes(sequence)
+        result = evaluate_sequence(planner, models, sequence, routes=routes)
         rows.append((("planner", sequence.name), (frame_values(result),)))
         for name in REFERENCE_NAMES:
-            reference = evaluate_sequence(ReferencePlanner(name, planner.config), models, sequence)
+            reference = evaluate_sequence(ReferencePlanner(name, planner.config), models, sequence, routes=routes)
             rows.append(((name, sequence.name), (frame_values(reference),)))
         if folder is not None:
             save_sheet(sequence, result, folder / f"{sequence.name}.png")

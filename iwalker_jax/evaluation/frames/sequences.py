@@ -1,7 +1,7 @@
 """Evaluation on frames: the four test sequences and unseen generated scenes, planned in batches, scored row by row."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -32,7 +32,15 @@ from iwalker_jax.planning import (
     sample_robot_state,
     split_module,
 )
-from iwalker_jax.scenes import SEQUENCE_NAMES, Scene, SceneArrays, held_out_scene, held_out_sequence, shortest_distance
+from iwalker_jax.scenes import (
+    SEQUENCE_NAMES,
+    RouteMap,
+    Scene,
+    SceneArrays,
+    held_out_scene,
+    held_out_sequence,
+    shortest_distance,
+)
 from iwalker_jax.streams import SEQUENCE_PATHS, UNSEEN_LAYOUTS, UNSEEN_PATHS
 
 _BATCH = 16
@@ -123,6 +131,7 @@ def evaluate_sequence(
     sequence: FrameSequence,
     goal_index: int = 0,
     seed: int = 0,
+    routes: Sequence[RouteMap] | None = None,
 ) -> SequenceResult:
     """Plan every frame of a sequence and score it.
 
@@ -132,6 +141,8 @@ def evaluate_sequence(
         sequence: frames and scenes.
         goal_index: which of each frame's goals to ask for; 0 is the route's end, as in the paper.
         seed: of the robot states that iStepper sees.
+        routes: of the sequence's goals (`goal_routes`), for whoever scores several planners on it; found anew if left
+            out.
 
     Raises:
         InputError: if the frames were seen through another camera than the planner's.
@@ -159,7 +170,8 @@ def evaluate_sequence(
 
     truth = in_view = served = None
     if sequence.scenes is not None:
-        truth, in_view = _truth(frames, sequence.scenes, goals, plan.path, plan.footsteps, models)
+        found = goal_routes(sequence, goal_index) if routes is None else routes
+        truth, in_view = _truth(frames, sequence.scenes, goals, plan.path, plan.footsteps, models, found)
         served = np.asarray(goal_served(truth, jnp.asarray(in_view)))
     return SequenceResult(
         name=sequence.name,
@@ -175,6 +187,29 @@ def evaluate_sequence(
         served=served,
         maps=maps,
     )
+
+
+def goal_routes(sequence: FrameSequence, goal_index: int = 0) -> list[RouteMap]:
+    """Shortest distances to the goal of every frame, by ground truth; they take most of the time of scoring a plan.
+
+    Args:
+        sequence: with its scenes.
+        goal_index: which of each frame's goals.
+
+    Raises:
+        InputError: for a sequence without ground truth.
+    """
+    if sequence.scenes is None:
+        raise InputError(f"Nobody knows the scene of {sequence.name}; there are no true routes in it.")
+    frames, arrays = sequence.frames, [scene.arrays() for scene in sequence.scenes]
+    goals = jnp.asarray(frames.goals[:, goal_index])
+    poses = jnp.asarray(frames.poses)
+    return [_route(arrays[frames.scene_index[i]], poses[i], goals[i]) for i in range(len(goals))]
+
+
+@jax.jit
+def _route(scene: SceneArrays, pose: Float[Array, "3"], goal: Float[Array, "2"]) -> RouteMap:
+    return shortest_distance(scene, to_world(pose, goal))
 
 
 @functools.partial(jax.jit, static_argnames=("config", "models"))
@@ -207,6 +242,7 @@ def _truth(
     paths: Float[np.ndarray, "n p 2"],
     footsteps: Float[np.ndarray, "n m 2"],
     models: PlannerModels,
+    routes: Sequence[RouteMap],
 ) -> tuple[TrueMetrics, Bool[np.ndarray, " n"]]:
     """Ground truth of every frame's plan, frame axis first, and whether its goal is in view."""
     half_view = float(np.arctan2(frames.camera.width / 2, frames.camera.fx))
@@ -221,6 +257,7 @@ def _truth(
             jnp.asarray(footsteps[i]),
             models.traversal.body_radius,
             half_view,
+            routes[i],
         )
         rows.append(truth)
         views.append(view)
@@ -236,8 +273,8 @@ def _score_truth(
     footsteps: Float[Array, "m 2"],
     body_radius: float | Float[Array, ""],
     half_view: float | Float[Array, ""],
+    shortest: RouteMap,
 ) -> tuple[TrueMetrics, Bool[Array, ""]]:
     """Ground truth of one plan, and whether its goal is in view."""
-    shortest = shortest_distance(scene, to_world(pose, goal))
     truth = true_metrics(path, footsteps, goal, pose, scene, shortest, body_radius)
     return truth, goal_in_view(goal, pose, scene, half_view, range_limit=6.0)

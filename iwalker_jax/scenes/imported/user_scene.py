@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY
+from iwalker_jax.scenes.clearance_grid import box_reach
 from iwalker_jax.scenes.imported.mesh_file import MESH_SUFFIXES, UNREAD_SUFFIXES, read_mesh
 from iwalker_jax.scenes.imported.mesh_frame import Up, mesh_frame
 from iwalker_jax.scenes.imported.mesh_solids import MeshSolids, recognise_solids
@@ -132,7 +133,7 @@ def convert_user_scene(path: str | PathLike, bounds: Bounds | None = None, up: U
         for rows in (boxes, cylinders, discs):
             rows[:, :2] += shift
         rest = [mesh.copy().apply_translation((*shift, 0.0)) for mesh in rest]
-    boxes, low_boxes = _kept(boxes, _reach(boxes), boxes[:, 5], limits)
+    boxes, low_boxes = _kept(boxes, box_reach(boxes), boxes[:, 5], limits)
     cylinders, low_cylinders = _kept(cylinders, cylinders[:, [3, 3]], cylinders[:, 4], limits)
     discs, _ = _kept(discs, discs[:, [3, 3]], discs[:, 4], limits)
     low = low_boxes + low_cylinders
@@ -199,12 +200,6 @@ def _check_units(file: Path, mesh: trimesh.Trimesh) -> None:
         raise InputError(f"{file} spans only {size:.3g} m; scale it to metres.")
 
 
-def _reach(boxes: Float[np.ndarray, "n 7"]) -> Float[np.ndarray, "n 2"]:
-    """Half extents [m] of turned boxes along x and y."""
-    cos, sin = np.abs(np.cos(boxes[:, 6])), np.abs(np.sin(boxes[:, 6]))
-    return np.column_stack([cos * boxes[:, 3] + sin * boxes[:, 4], sin * boxes[:, 3] + cos * boxes[:, 4]])
-
-
 def _default_bounds(
     file: Path,
     boxes: Float[np.ndarray, "n 7"],
@@ -217,7 +212,7 @@ def _default_bounds(
     Raises:
         InputError: the extent is too large.
     """
-    reach = _reach(boxes)
+    reach = box_reach(boxes)
     finite = reach.max(axis=1, initial=0.0) < LARGEST.extent
     ranges = [(boxes[finite, :2] - reach[finite], boxes[finite, :2] + reach[finite])]
     ranges.append((cylinders[:, :2] - cylinders[:, 3:4], cylinders[:, :2] + cylinders[:, 3:4]))

@@ -13,6 +13,7 @@ from iwalker_jax.evaluation.frames import (
     charged,
     evaluate_sequence,
     frame_values,
+    goal_routes,
     record_held_out_sequence,
 )
 from iwalker_jax.evaluation.frames.columns import FRAME_COLUMNS
@@ -27,8 +28,12 @@ def figures():
     """Figures of the shipped planner and of both references on the corner's frames."""
     planner, config = load_with_config()
     sequence = record_held_out_sequence("corner", frames=16)
+    routes = goal_routes(sequence)
     plans = {"shipped": planner, **{name: ReferencePlanner(name, planner.config) for name in REFERENCE_NAMES}}
-    return {name: frame_values(evaluate_sequence(plan, config.models, sequence)) for name, plan in plans.items()}
+    return {
+        name: frame_values(evaluate_sequence(plan, config.models, sequence, routes=routes))
+        for name, plan in plans.items()
+    }
 
 
 @pytest.mark.parametrize("name", REFERENCE_NAMES)
