@@ -17,7 +17,8 @@ from iwalker_jax.optimization import (
 from iwalker_jax.perception.distance_field import signed_distance_field
 
 STEPS = np.stack([0.1 * np.arange(1, 5), -0.05 * (-1.0) ** np.arange(4)], axis=1).astype(np.float32)
-STATE = np.array([[0, 0.02, 0.1], [0, 0.03, 0.0]], np.float32)
+# The COM is to the right of the left stance foot, on the side of the next step.
+STATE = np.array([[0, 0.02, 0.1], [0, -0.03, 0.0]], np.float32)
 PATH = np.stack([np.linspace(0, 1, 8), np.linspace(0, 0.2, 8)], axis=1).astype(np.float32)
 
 
