@@ -12,13 +12,11 @@ from typing import Any
 import tyro
 
 from iwalker_jax.commands.shared.console import (
-    FAILURES,
-    exit_with,
+    ends_in_a_sentence,
     progress_bar,
     require_counts,
     require_devices,
     say,
-    stopped,
 )
 from iwalker_jax.commands.shared.planners import planner_of
 from iwalker_jax.data import FrameSet, concatenate, frames_from_episodes, load_frames, save_frames
@@ -61,15 +59,11 @@ class Command:
     seed: int = 0
 
 
+@ends_in_a_sentence("the same command goes on with the batches that are not recorded yet")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
-    try:
-        collect(command)
-    except FAILURES as error:
-        exit_with(error)
-    except KeyboardInterrupt:
-        return stopped("the same command goes on with the batches that are not recorded yet")
+    collect(command)
     return 0
 
 

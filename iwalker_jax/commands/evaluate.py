@@ -9,15 +9,13 @@ from typing import Annotated, Literal
 import tyro
 
 from iwalker_jax.commands.shared.console import (
-    FAILURES,
     ShowProgress,
     come_together,
     console,
-    exit_with,
+    ends_in_a_sentence,
     progress_bar,
     require_counts,
     say,
-    stopped,
 )
 from iwalker_jax.commands.shared.planners import planner_of
 from iwalker_jax.data import frames_from_recording
@@ -94,26 +92,22 @@ class Command:
     group: Annotated[ProcessGroup, tyro.conf.arg(name="")] = ProcessGroup()
 
 
+@ends_in_a_sentence("the same command goes on with the episodes where they are")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
-    try:
-        require_counts(command, unseen_scenes=0)
-        come_together(command.group)
-        planner, config, name = planner_of(command.run, command.checkpoint)
-        # Wrong names are said before an hour of work.
-        settings, planners = study_settings(command, planner, name)
-        out = command.out or (command.run or Path("runs/pretrained")) / "evaluation"
-        frames = evaluate_frames(command, planner, config, out) if is_first() else None
-        study = Study() if settings is None else evaluate_episodes(command, settings, planners, out)
-        barrier()
-        if not is_first():
-            return 0
-        page = write_report(out, Report(f"Evaluation of {name}", described(command, name), machine(), study, frames))
-    except FAILURES as error:
-        exit_with(error)
-    except KeyboardInterrupt:
-        return stopped("the same command goes on with the episodes where they are")
+    require_counts(command, unseen_scenes=0)
+    come_together(command.group)
+    planner, config, name = planner_of(command.run, command.checkpoint)
+    # Wrong names are said before an hour of work.
+    settings, planners = study_settings(command, planner, name)
+    out = command.out or (command.run or Path("runs/pretrained")) / "evaluation"
+    frames = evaluate_frames(command, planner, config, out) if is_first() else None
+    study = Study() if settings is None else evaluate_episodes(command, settings, planners, out)
+    barrier()
+    if not is_first():
+        return 0
+    page = write_report(out, Report(f"Evaluation of {name}", described(command, name), machine(), study, frames))
     say(f"Pictures and tables are in {out}; the report is {page}.")
     return 0
 

@@ -5,6 +5,7 @@ module from the present folder.
 """
 
 import importlib
+import os
 import sys
 from functools import partial
 from typing import NoReturn
@@ -14,13 +15,22 @@ from iwalker_jax.runtime import settings
 
 _DRAWING_3D = ("evaluate", "walk")
 
+_READER_GONE = 128 + 13
+"""Exit status of a program that a closed pipe ended, as a shell counts it (SIGPIPE is 13)."""
+
 
 def launch(name: str) -> NoReturn:
     """Run the command of a name with the process's arguments and leave with its status."""
     settings.configure_runtime(settings.requested_devices(sys.argv))
     if name in _DRAWING_3D:
         headless.configure_rendering()
-    status = importlib.import_module(f"iwalker_jax.commands.{name}").main()
+    try:
+        status = importlib.import_module(f"iwalker_jax.commands.{name}").main()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read the output has gone, as `head` does; what Python still holds back must not meet the pipe again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = _READER_GONE
     # It imports JAX, which the settings must come before.
     from iwalker_jax.runtime.processes import exit_process
 

@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 from rich.table import Table
 
-from iwalker_jax.commands.shared.console import FAILURES, console, exit_with, require_devices, say
+from iwalker_jax.commands.shared.console import console, ends_in_a_sentence, require_devices, say
 from iwalker_jax.data.recordings import depth_images, read_depth_png
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation import pyplot, save_figure
@@ -106,15 +106,13 @@ def quietest_stretch(frames: np.ndarray, length: int = 4) -> np.ndarray:
     return frames[start : start + length]
 
 
+@ends_in_a_sentence()
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
-    try:
-        require_devices()
-        check_seed(command.seed, "the scenes")
-        show_depth_noise(command)
-    except FAILURES as error:
-        exit_with(error)
+    require_devices()
+    check_seed(command.seed, "the scenes")
+    show_depth_noise(command)
     return 0
 
 

@@ -11,15 +11,15 @@ from typing import Annotated, Literal
 import tyro
 
 from iwalker_jax.commands.shared.console import (
-    FAILURES,
+    STOPPED,
     come_together,
     config_file,
     console,
+    ends_in_a_sentence,
     exit_with,
     progress_bar,
     require_counts,
     say,
-    stopped,
 )
 from iwalker_jax.data.sources import load_training_frames
 from iwalker_jax.errors import CheckpointError, InputError
@@ -133,7 +133,7 @@ def help_training(command: Command) -> int:
         command = dataclasses.replace(command, out=Path(scratch), tensorboard=False)
         result = run_training(command, prepare_data(command.config))
     if result.interrupted:
-        return 130
+        return STOPPED
     barrier()
     return 0
 
@@ -152,26 +152,22 @@ def save_and_evaluate(command: Command, result: TrainResult) -> Table:
     return evaluate_all(planner, config.models, sequences, command.out / "evaluation", say=say)
 
 
+@ends_in_a_sentence("the same command goes on from the newest checkpoint")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     began = time.perf_counter()
-    try:
-        command = parse(sys.argv[1:] if arguments is None else arguments)
-        require_counts(command, unseen_scenes=0)
-        come_together(command.group)
-        if not is_first():
-            return help_training(command)
-        # From the start, so that a second command in the folder need not make its frames to learn of the first.
-        with exclusive(run_lock(command.out), command.out):
-            result = run_training(command, prepare_data(command.config))
-            if result.interrupted:
-                return 130
-            barrier()
-            table = save_and_evaluate(command, result)
-    except FAILURES as error:
-        exit_with(error)
-    except KeyboardInterrupt:
-        return stopped("the same command goes on from the newest checkpoint")
+    command = parse(sys.argv[1:] if arguments is None else arguments)
+    require_counts(command, unseen_scenes=0)
+    come_together(command.group)
+    if not is_first():
+        return help_training(command)
+    # From the start, so that a second command in the folder need not make its frames to learn of the first.
+    with exclusive(run_lock(command.out), command.out):
+        result = run_training(command, prepare_data(command.config))
+        if result.interrupted:
+            return STOPPED
+        barrier()
+        table = save_and_evaluate(command, result)
     console.print()
     say(table.text())
     say(table.legend())

@@ -10,7 +10,7 @@ import tyro
 from rich.markup import escape
 from rich.table import Table
 
-from iwalker_jax.commands.shared.console import FAILURES, console, exit_with, require_counts, require_devices
+from iwalker_jax.commands.shared.console import console, ends_in_a_sentence, require_counts, require_devices
 from iwalker_jax.data import RecordingReport, validate_recording
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime import printable
@@ -33,15 +33,13 @@ class Command:
     max_problems: int = 40
 
 
+@ends_in_a_sentence()
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status, 0 if at least one frame is usable."""
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
-    try:
-        require_counts(command, max_problems=0)
-        require_devices()
-        intrinsics = None if command.intrinsics is None else Intrinsics(*command.intrinsics)
-    except FAILURES as error:
-        exit_with(error)
+    require_counts(command, max_problems=0)
+    require_devices()
+    intrinsics = None if command.intrinsics is None else Intrinsics(*command.intrinsics)
     report = validate_recording(command.folder, intrinsics, command.depth_scale)
     print_report(report, command.max_problems)
     return 0 if report.is_usable else 1

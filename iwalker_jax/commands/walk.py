@@ -11,13 +11,11 @@ import tyro
 
 from iwalker_jax.api import measure_walk, simulate_walk
 from iwalker_jax.commands.shared.console import (
-    FAILURES,
     console,
-    exit_with,
+    ends_in_a_sentence,
     progress_bar,
     require_devices,
     say,
-    stopped,
 )
 from iwalker_jax.commands.shared.scene_episode import run_scene_episode
 from iwalker_jax.commands.shared.walk_options import (
@@ -130,18 +128,14 @@ def finish(
     say(f"Figures, pictures and records are in {shared.out}.")
 
 
+@ends_in_a_sentence("the walk was not finished, so nothing is saved")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    try:
-        command = tyro.cli(Command, args=sys.argv[1:] if arguments is None else arguments)
-        refuse_others(command.episode, command.walk)
-        require_devices()
-        if command.episode.scene is not None:
-            run_scene_episode(command.episode, command.shared)
-        else:
-            walk_motion(command)
-    except FAILURES as error:
-        exit_with(error)
-    except KeyboardInterrupt:
-        return stopped("the walk was not finished, so nothing is saved")
+    command = tyro.cli(Command, args=sys.argv[1:] if arguments is None else arguments)
+    refuse_others(command.episode, command.walk)
+    require_devices()
+    if command.episode.scene is not None:
+        run_scene_episode(command.episode, command.shared)
+    else:
+        walk_motion(command)
     return 0

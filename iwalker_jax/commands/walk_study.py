@@ -12,7 +12,12 @@ import mujoco
 import numpy as np
 import tyro
 
-from iwalker_jax.commands.shared.console import FAILURES, exit_with, require_counts, require_devices, say, stopped
+from iwalker_jax.commands.shared.console import (
+    ends_in_a_sentence,
+    require_counts,
+    require_devices,
+    say,
+)
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation import Table
 from iwalker_jax.evaluation.walks import (
@@ -211,16 +216,12 @@ def _walk_cases(command: Command, todo: Sequence[tuple[str, Case, str]]) -> Tabl
     return table
 
 
+@ends_in_a_sentence("the same command goes on with the cases that the tables do not hold yet")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     given = sys.argv[1:] if arguments is None else arguments
     command = tyro.cli(Command, args=given)
-    try:
-        table = run_walk_study(command)
-    except FAILURES as error:
-        exit_with(error)
-    except KeyboardInterrupt:
-        return stopped("the same command goes on with the cases that the tables do not hold yet")
+    table = run_walk_study(command)
     say(table.text())
     say(table.legend())
     say(f"The tables are {command.out / 'walk_study'}.txt, .md and .csv.")

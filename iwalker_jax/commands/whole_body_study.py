@@ -12,13 +12,12 @@ import numpy as np
 import tyro
 
 from iwalker_jax.commands.shared.console import (
-    FAILURES,
-    exit_with,
+    STOPPED,
+    ends_in_a_sentence,
     progress_bar,
     require_counts,
     require_devices,
     say,
-    stopped,
 )
 from iwalker_jax.commands.train import prepare_data
 from iwalker_jax.errors import InputError
@@ -137,35 +136,31 @@ def difference(first: Sequence[dict], second: Sequence[dict], column: Column) ->
     return f"{np.mean(change):+.2f} [{low:+.2f}, {high:+.2f}] ({len(change)})"
 
 
+@ends_in_a_sentence("the same command goes on with the trainings that are not finished")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     command = tyro.cli(Command, args=sys.argv[1:] if arguments is None else arguments)
-    try:
-        # Whatever would fail after hours of training is refused before.
-        require_counts(command, epochs=1, frames=1, tasks=1, seed=0)
-        require_devices()
-        if command.policy not in POLICIES:
-            raise InputError(f"Unknown policy {command.policy!r}; choose one of {', '.join(POLICIES)}.")
-        configs = weight_variants(command)
-        data = prepare_data(configs["without"])
-        planners = {}
-        for label, config in configs.items():
-            planner = trained(label, config, data, command.out / f"{label}-{command.seed}")
-            if planner is None:
-                return 130
-            planners[label] = planner
-            terms = footstep_terms(planner, data, config)
-            say(
-                f"{label}: torque margin {terms.torque_margin:.4f}, shortfall {terms.shortfall:.4f}, placement "
-                f"{terms.placement:.5f} m^2, {100 * terms.solved:.1f} % of the instants solved."
-            )
-        tasks = generated_tasks(command.tasks, command.seed)
-        shortest = [shortest_route(task) for task in tasks]
-        rows = {label: episode_rows(planner, command, tasks, shortest) for label, planner in planners.items()}
-    except FAILURES as error:
-        exit_with(error)
-    except KeyboardInterrupt:
-        return stopped("the same command goes on with the trainings that are not finished")
+    # Whatever would fail after hours of training is refused before.
+    require_counts(command, epochs=1, frames=1, tasks=1, seed=0)
+    require_devices()
+    if command.policy not in POLICIES:
+        raise InputError(f"Unknown policy {command.policy!r}; choose one of {', '.join(POLICIES)}.")
+    configs = weight_variants(command)
+    data = prepare_data(configs["without"])
+    planners = {}
+    for label, config in configs.items():
+        planner = trained(label, config, data, command.out / f"{label}-{command.seed}")
+        if planner is None:
+            return STOPPED
+        planners[label] = planner
+        terms = footstep_terms(planner, data, config)
+        say(
+            f"{label}: torque margin {terms.torque_margin:.4f}, shortfall {terms.shortfall:.4f}, placement "
+            f"{terms.placement:.5f} m^2, {100 * terms.solved:.1f} % of the instants solved."
+        )
+    tasks = generated_tasks(command.tasks, command.seed)
+    shortest = [shortest_route(task) for task in tasks]
+    rows = {label: episode_rows(planner, command, tasks, shortest) for label, planner in planners.items()}
     table = Table(
         tuple(((label, str(len(values))), tuple(values)) for label, values in rows.items()),
         ("whole body", "episodes"),

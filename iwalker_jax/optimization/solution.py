@@ -58,7 +58,7 @@ class Solution(NamedTuple):
         gradient_valid: () bool, whether implicit derivatives can be trusted: solved, the optimum unique, and no
             constraint about to become active or inactive.
         margin: () how far the optimum is from losing its derivatives, relative, as the solver documents; infinite
-            where nothing can take them away.
+            where nothing can take them away, 0 where it is not measured.
     """
 
     value: Any

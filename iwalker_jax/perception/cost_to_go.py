@@ -19,16 +19,16 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import safe_norm
 from iwalker_jax.optimization import Solution, Status
 from iwalker_jax.perception.grid import GridSpec
+from iwalker_jax.perception.route_graph import MOVES, along_routes, beside
 
 UNREACHABLE = 1e6
 """Cost of cells that are blocked or cut off from the goal; also the traversal cost from which a cell is blocked."""
 
 _BATCH = 16
 """Maps relaxed together: enough to fill vector registers, few enough to stay in the cache."""
-
-_MOVES = tuple((a, b) for a in range(-2, 3) for b in range(-2, 3) if abs(a) + abs(b) == 3 or max(abs(a), abs(b)) == 1)
 
 
 class CostToGo(NamedTuple):
@@ -69,8 +69,17 @@ def cost_to_go(
         are then upper bounds, and cells not reached yet are marked `UNREACHABLE`); INFEASIBLE if no cell is free;
         NON_FINITE if the goal is not finite, a cost is NaN or not positive (such cells count as blocked), or a route
         costs `UNREACHABLE` or more (give costs in a larger unit). `trusted_cost` takes all that into account. The
-        residual is the largest decrease in the last round, relative to the largest finite cost. Not differentiable in
-        reverse mode; `gradient_valid` is False.
+        residual is the largest decrease in the last round, relative to the largest finite cost. `gradient_valid` is
+        True where the status is CONVERGED.
+
+    Derivatives are implicit, in forward and reverse mode: nothing is unrolled, and a derivative costs less than a round
+    of sweeps (`route_graph`). A cell's cost feels the traversal cost of the cells along its best route, and no others;
+    cells marked `UNREACHABLE` feel nothing. The cost is continuous and concave in the traversal cost; its derivative
+    jumps where another route becomes the best one, and of routes that cost the same one is taken (so in open, even
+    ground, where many do). In the goal it is the derivative of the straight line from the cell's centre to the goal,
+    zero in the centre itself; where another cell becomes the one nearest to the goal, the cost itself jumps, by up to
+    the price of a cell. For a slope over more than a cell take the field of the start, sampled at the goal: routes
+    cost the same both ways.
 
     Raises:
         InputError: if the map's shape is not the grid's or `max_rounds` is not positive.
@@ -85,7 +94,7 @@ def cost_to_go(
     cost = jnp.where(free, traversal_cost, jnp.inf)
     seed, goal, offset = _seed(cost, free, goal_xy.astype(cost.dtype), grid)
 
-    values, decrease, rounds = _relaxation(grid.resolution, max_rounds)(seed, cost)
+    values, decrease, rounds = _relaxation(grid.resolution, max_rounds)(*lax.stop_gradient((seed, cost)))
 
     finite = jnp.isfinite(values)
     largest = jnp.max(jnp.where(finite, values, 0.0))
@@ -94,8 +103,10 @@ def cost_to_go(
     status = jnp.where(decrease > 0, Status.MAX_ITERATIONS, Status.CONVERGED)
     status = jnp.where(jnp.any(free), status, Status.INFEASIBLE)
     status = jnp.where(bad, Status.NON_FINITE, status).astype(jnp.int32)
-    value = CostToGo(jnp.where(finite, jnp.minimum(values, UNREACHABLE), UNREACHABLE), goal, offset)
-    return Solution(value, status, residual, rounds, jnp.asarray(False), jnp.zeros_like(residual))
+    reachable = values < UNREACHABLE
+    value = jnp.where(reachable, along_routes(values, seed, cost, grid.resolution), UNREACHABLE)
+    solved, unmeasured = status == Status.CONVERGED, jnp.zeros_like(residual)
+    return Solution(CostToGo(value, goal, offset), status, residual, rounds, solved, unmeasured)
 
 
 def trusted_cost(solution: Solution) -> Float[Array, "*batch rows columns"]:
@@ -121,7 +132,7 @@ def descend(
     Returns:
         Cell centres [m] in base. If no cell reaches the goal, the start's own cell, repeated.
     """
-    moves = jnp.asarray(_MOVES)
+    moves = jnp.asarray(MOVES)
     lengths = jnp.linalg.norm(moves.astype(cost.dtype), axis=-1)
     reachable = cost < UNREACHABLE
     squared = jnp.sum((grid.centres().astype(cost.dtype) - start_xy) ** 2, axis=-1)
@@ -142,16 +153,7 @@ def descend(
 def _open_edges(window: Float[Array, "5 5"]) -> Bool[Array, "16"]:
     """Which of the 16 edges out of the middle of a 5 x 5 window touch finite cells only."""
     finite = jnp.isfinite(window)
-    return jnp.stack([finite[2 + a, 2 + b] & _both(finite, _beside(a, b)) for a, b in _MOVES])
-
-
-def _beside(a: int, b: int) -> tuple[tuple[int, int], tuple[int, int]]:
-    """The two other cells that a step by (a, b) touches; of a straight step, its ends."""
-    if abs(a) == 2:
-        return (a // 2, 0), (a // 2, b)
-    if abs(b) == 2:
-        return (0, b // 2), (a, b // 2)
-    return (a, 0), (0, b)
+    return jnp.stack([finite[2 + a, 2 + b] & _both(finite, beside(a, b)) for a, b in MOVES])
 
 
 def _both(window: Bool[Array, "5 5"], cells: tuple[tuple[int, int], tuple[int, int]]) -> Bool[Array, ""]:
@@ -170,9 +172,12 @@ def _seed(
     squared = jnp.where(free, jnp.sum((centres - goal_xy) ** 2, axis=-1), jnp.inf)
     index = jnp.argmin(squared)
     goal = centres.reshape(-1, 2)[index]
-    offset = jnp.linalg.norm(goal - goal_xy)
-    first = offset * cost.reshape(-1)[index]
-    seed = jnp.full(cost.size, jnp.inf, cost.dtype).at[index].set(jnp.where(jnp.isfinite(first), first, jnp.inf))
+    away, finite_goal = goal - goal_xy, jnp.all(jnp.isfinite(goal_xy))
+    offset = jnp.where(finite_goal, safe_norm(jnp.where(finite_goal, away, 0.0)), jnp.sum(lax.stop_gradient(abs(away))))
+    usable = jnp.isfinite(offset) & jnp.isfinite(cost.reshape(-1)[index])
+    # Selected before they are multiplied: an infinite factor would make NaN of a derivative that is masked afterwards.
+    first = jnp.where(usable, offset, 1.0) * jnp.where(usable, cost.reshape(-1)[index], 1.0)
+    seed = jnp.full(cost.size, jnp.inf, cost.dtype).at[index].set(jnp.where(usable, first, jnp.inf))
     return seed.reshape(cost.shape), goal, offset
 
 

@@ -1,5 +1,7 @@
 """Depth images of a scene by analytic ray casting against boxes, upright cylinders, floor and ceiling."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -10,6 +12,27 @@ from iwalker_jax.scenes.scene import SceneArrays
 
 _TINY = 1e-12
 _FAR = 1e6
+
+
+class _Solids(NamedTuple):
+    """What a ray may hit besides the floor, the rows to look at first.
+
+    Attributes:
+        boxes, cylinders: rows as in `Scene`.
+        ceiling: [m] its height.
+    """
+
+    boxes: Float[Array, "boxes 7"]
+    cylinders: Float[Array, "cylinders 5"]
+    ceiling: Float[Array, ""]
+
+
+class _Counts(NamedTuple):
+    """How many of the first rows to look at."""
+
+    boxes: Int[Array, ""]
+    cylinders: Int[Array, ""]
+
 
 _Hits = tuple[Float[Array, " rays"], Int[Array, " rays"]]
 
@@ -57,11 +80,8 @@ def render_depth(
     box_seen, cylinder_seen = _in_view(
         boxes, cylinders, *_view_planes(intrinsics, R_world_camera.astype(dtype), max_depth), p_world_camera
     )
-    boxes = boxes[jnp.argsort(~box_seen)]
-    cylinders = cylinders[jnp.argsort(~cylinder_seen)]
-    depth = _first_hit(
-        boxes, cylinders, scene.ceiling.astype(dtype), p_world_camera, rays, box_seen.sum(), cylinder_seen.sum()
-    )
+    solids = _Solids(boxes[jnp.argsort(~box_seen)], cylinders[jnp.argsort(~cylinder_seen)], scene.ceiling.astype(dtype))
+    depth = _first_hit(solids, p_world_camera, rays, _Counts(box_seen.sum(), cylinder_seen.sum()))
     return jnp.where(depth <= max_depth, depth, 0).reshape(intrinsics.height, intrinsics.width)
 
 
@@ -102,53 +122,35 @@ def _in_view(
 
 @jax.custom_jvp
 def _first_hit(
-    boxes: Float[Array, "boxes 7"],
-    cylinders: Float[Array, "cylinders 5"],
-    ceiling: Float[Array, ""],
-    origin: Float[Array, " 3"],
-    rays: Float[Array, "3 rays"],
-    box_count: Int[Array, ""],
-    cylinder_count: Int[Array, ""],
+    solids: _Solids, origin: Float[Array, " 3"], rays: Float[Array, "3 rays"], counts: _Counts
 ) -> Float[Array, " rays"]:
-    """Ray parameter of the first surface along each ray, looking at the first `box_count` and `cylinder_count` rows."""
-    return _search(boxes, cylinders, ceiling, origin, rays, box_count, cylinder_count)[0]
+    """Ray parameter of the first surface along each ray, looking at the first rows alone."""
+    return _search(solids, origin, rays, counts)[0]
 
 
 @_first_hit.defjvp
 def _first_hit_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     # A loop of dynamic length has no reverse mode, and needs none: the derivative is that of the geom that was hit.
     depth, winner = _search(*primals)
-    box_rows = primals[0].shape[0]
+    box_rows, cylinder_rows = len(primals[0].boxes), len(primals[0].cylinders)
 
     def hit_by_winner(
-        boxes: Float[Array, "boxes 7"],
-        cylinders: Float[Array, "cylinders 5"],
-        ceiling: Float[Array, ""],
-        origin: Float[Array, " 3"],
-        rays: Float[Array, "3 rays"],
+        solids: _Solids, origin: Float[Array, " 3"], rays: Float[Array, "3 rays"]
     ) -> Float[Array, " rays"]:
-        box = boxes[jnp.clip(winner, 0, box_rows - 1)].T
-        cylinder = cylinders[jnp.clip(winner - box_rows, 0, cylinders.shape[0] - 1)].T
+        box = solids.boxes[jnp.clip(winner, 0, box_rows - 1)].T
+        cylinder = solids.cylinders[jnp.clip(winner - box_rows, 0, cylinder_rows - 1)].T
         solid = jnp.where(
             winner < box_rows, _box_hit(_seen_from(box, origin), rays), _cylinder_hit(cylinder, origin, rays)
         )
-        return jnp.where(winner >= 0, solid, _floor_or_ceiling_hit(ceiling, origin, rays))
+        return jnp.where(winner >= 0, solid, _floor_or_ceiling_hit(solids.ceiling, origin, rays))
 
-    _, tangent = jax.jvp(hit_by_winner, primals[:5], tangents[:5])
+    _, tangent = jax.jvp(hit_by_winner, primals[:3], tangents[:3])
     return depth, tangent
 
 
-def _search(
-    boxes: Float[Array, "boxes 7"],
-    cylinders: Float[Array, "cylinders 5"],
-    ceiling: Float[Array, ""],
-    origin: Float[Array, " 3"],
-    rays: Float[Array, "3 rays"],
-    box_count: Int[Array, ""],
-    cylinder_count: Int[Array, ""],
-) -> _Hits:
+def _search(solids: _Solids, origin: Float[Array, " 3"], rays: Float[Array, "3 rays"], counts: _Counts) -> _Hits:
     # Also returns what was hit: box row, number of boxes + cylinder row, or -1 for floor and ceiling.
-    local_boxes = _seen_from(boxes.T, origin)
+    local_boxes = _seen_from(solids.boxes.T, origin)
 
     def closer(best: _Hits, hit: Float[Array, " rays"], index: Int[Array, ""]) -> _Hits:
         depth, winner = best
@@ -158,11 +160,11 @@ def _search(
         return closer(best, _box_hit(local_boxes[:, i], rays), i)
 
     def add_cylinder(i: Int[Array, ""], best: _Hits) -> _Hits:
-        return closer(best, _cylinder_hit(cylinders[i], origin, rays), i + boxes.shape[0])
+        return closer(best, _cylinder_hit(solids.cylinders[i], origin, rays), i + len(solids.boxes))
 
-    best = (_floor_or_ceiling_hit(ceiling, origin, rays), jnp.full(rays.shape[1], -1))
-    best = lax.fori_loop(0, box_count, add_box, best)
-    return lax.fori_loop(0, cylinder_count, add_cylinder, best)
+    best = (_floor_or_ceiling_hit(solids.ceiling, origin, rays), jnp.full(rays.shape[1], -1))
+    best = lax.fori_loop(0, counts.boxes, add_box, best)
+    return lax.fori_loop(0, counts.cylinders, add_cylinder, best)
 
 
 def _seen_from(boxes: Float[Array, "7 n"], origin: Float[Array, " 3"]) -> Float[Array, "8 n"]:

@@ -104,11 +104,11 @@ def train(
         store = CheckpointStore(folder / "checkpoints", config.keep_checkpoints)
         if not resume:
             store.delete_after(-1)
-        state = starting_state(store, config, optimiser, data, resume, start_from, say)
+        content = data_content(data)
+        state = starting_state(store, config, optimiser, data, content, resume, start_from, say)
         first = int(state.step)
         if 0 < first < total:
             say(f"Resuming at step {first} of {total}.")
-        content = data_content(data)
         # The step donates its state: never hand it the caller's own arrays.
         state = device_put(state, mesh)
         data = device_put(data, mesh)

@@ -15,7 +15,7 @@ from iwalker_jax.runtime.processes import broadcast, is_first
 from iwalker_jax.training.checkpoints import Checkpoint, CheckpointStore
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.config_dict import config_to_dict
-from iwalker_jax.training.maps import TrainingData, data_content
+from iwalker_jax.training.maps import TrainingData
 from iwalker_jax.training.train_step import TrainState, initial_state, with_planner
 
 _FREE = ("checkpoint_every", "keep_checkpoints")
@@ -27,6 +27,7 @@ def starting_state(
     config: TrainConfig,
     optimiser: optax.GradientTransformationExtraArgs,
     data: TrainingData,
+    content: Mapping[str, str],
     resume: bool,
     start_from: Planner | None,
     say: Callable[[str], None],
@@ -37,7 +38,7 @@ def starting_state(
         CheckpointError: if the checkpoints cannot be read, or belong to another training.
         InputError: if this process has other data than process 0.
     """
-    state = _restored(store, config, data, say) if resume and is_first() else None
+    state = _restored(store, config, data, content, say) if resume and is_first() else None
     if state is None:
         state = initial_state(config, optimiser)
         if start_from is not None:
@@ -45,7 +46,7 @@ def starting_state(
             state = state._replace(params=params, opt_state=optimiser.init(params))
     if jax.process_count() == 1:
         return state
-    own = np.frombuffer(bytes.fromhex("".join(data_content(data).values())), np.uint8)
+    own = np.frombuffer(bytes.fromhex("".join(content.values())), np.uint8)
     state, theirs = broadcast((state, own))
     if not np.array_equal(own, theirs):
         raise InputError("This process has other frames than process 0; give all the same data.")
@@ -53,12 +54,16 @@ def starting_state(
 
 
 def _restored(
-    store: CheckpointStore, config: TrainConfig, data: TrainingData, say: Callable[[str], None]
+    store: CheckpointStore,
+    config: TrainConfig,
+    data: TrainingData,
+    content: Mapping[str, str],
+    say: Callable[[str], None],
 ) -> TrainState | None:
     found = store.restore_latest(on_damage=say)
     if found is None:
         return None
-    differing = differences(found, config, data)
+    differing = differences(found, config, data.depth.shape[0], content)
     if differing:
         raise CheckpointError(
             f"{store.folder} holds a run with another configuration or data set: {'; '.join(differing)}. Use what it "
@@ -68,13 +73,12 @@ def _restored(
     return found.state
 
 
-def differences(saved: Checkpoint, config: TrainConfig, data: TrainingData) -> list[str]:
+def differences(saved: Checkpoint, config: TrainConfig, frames: int, content: Mapping[str, str]) -> list[str]:
     """What makes a training another one than the checkpoint's, each with its name; empty if it may go on.
 
     Data is compared by its content, wherever it lies; only of a checkpoint that does not know its data's content it is
     the source that must be the same.
     """
-    frames = data.depth.shape[0]
     there, here = (_flat(config_to_dict(_comparable(made, bool(saved.content)))) for made in (saved.config, config))
     found = [
         f"{name} is {there.get(name)} there and {here.get(name)} here"
@@ -84,8 +88,7 @@ def differences(saved: Checkpoint, config: TrainConfig, data: TrainingData) -> l
     if saved.frames != frames:
         found.append(f"the data has {saved.frames} frames there and {frames} here")
     elif saved.content:
-        own = data_content(data)
-        other = [name for name in own if saved.content.get(name) != own[name]]
+        other = [name for name in content if saved.content.get(name) != content[name]]
         if other:
             found.append(f"the frames' {', '.join(other)} are others there, though as many")
     return found

@@ -197,3 +197,13 @@ def test_a_run_with_only_damaged_checkpoints_is_one_sentence(finished_run, tmp_p
             file.write_bytes(b"")
     sentence = fails_with_one_sentence(lambda: train_command(folder), capsys)
     assert "cannot be read" in sentence
+
+
+def test_a_reader_who_has_gone_ends_a_command_without_a_word(tmp_path):
+    """`--help | head -1`. Oracle: the shell's status of a program that a closed pipe ended."""
+    command = [sys.executable, "-m", "experiments.train", "--help"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stderr is not None
+        assert process.stdout.readline()
+        process.stdout.close()
+        assert (process.stderr.read(), process.wait()) == ("", 128 + signal.SIGPIPE)

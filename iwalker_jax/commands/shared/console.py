@@ -1,11 +1,12 @@
 """What the commands share: progress bars, clear exits on bad input, and the run-folder conventions."""
 
 import errno
+import functools
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn, ParamSpec, Protocol
 
 import jax
 from rich.console import Console
@@ -16,6 +17,11 @@ from iwalker_jax.runtime import ProcessGroup, exit_process, is_first, join_group
 from iwalker_jax.runtime.files import first_line
 
 console = Console(highlight=False)
+
+P = ParamSpec("P")
+
+STOPPED = 130
+"""Exit status of a command that Ctrl-C ended."""
 
 FAILURES = (InputError, CheckpointError, FloatingPointError, OSError, MemoryError, jax.errors.JaxRuntimeError)
 """What a command answers with one sentence."""
@@ -111,10 +117,30 @@ def require_counts(command: Any, **least: int) -> None:
             raise InputError(f"{option} is {value}; give at most {LARGEST_COUNT}.")
 
 
-def stopped(advice: str) -> int:
-    """Say that Ctrl-C ended the command and how to go on; returns the exit status."""
-    say(f"Stopped; {advice}.")
-    return 130
+def ends_in_a_sentence(if_stopped: str = "") -> Callable[[Callable[P, int]], Callable[P, int]]:
+    """Decorator of what a command runs: failures end the process with one sentence and status 1, Ctrl-C with 130.
+
+    Args:
+        if_stopped: how to go on after Ctrl-C, as the end of a sentence; left out for a command of seconds.
+    """
+
+    def decorate(run: Callable[P, int]) -> Callable[P, int]:
+        @functools.wraps(run)
+        def decorated(*args: P.args, **kwargs: P.kwargs) -> int:
+            try:
+                return run(*args, **kwargs)
+            except BrokenPipeError:
+                # An OSError, yet no failure: whoever read the output has gone, which whoever launched us knows to end.
+                raise
+            except FAILURES as error:
+                exit_with(error)
+            except KeyboardInterrupt:
+                say(f"Stopped; {if_stopped}." if if_stopped else "Stopped.")
+                return STOPPED
+
+        return decorated
+
+    return decorate
 
 
 def config_file(run: Path) -> Path:

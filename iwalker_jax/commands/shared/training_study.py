@@ -9,13 +9,12 @@ from pathlib import Path
 import tyro
 
 from iwalker_jax.commands.shared.console import (
-    FAILURES,
-    exit_with,
+    STOPPED,
+    ends_in_a_sentence,
     progress_bar,
     require_counts,
     require_devices,
     say,
-    stopped,
 )
 from iwalker_jax.commands.train import prepare_data
 from iwalker_jax.evaluation import Table
@@ -77,6 +76,7 @@ def with_free_spacing(config: TrainConfig) -> TrainConfig:
     return dataclasses.replace(config, planner=dataclasses.replace(config.planner, ipath=ipath))
 
 
+@ends_in_a_sentence("the same command goes on with the trainings that are not finished")
 def study_main(
     title: str,
     description: str,
@@ -91,20 +91,15 @@ def study_main(
     """
     given = sys.argv[1:] if arguments is None else arguments
     command = tyro.cli(StudyCommand, args=given, default=default, description=description)
-    try:
-        require_counts(command, seeds=1, epochs=1, frames=1, unseen_scenes=0)
-        require_devices()
-        config = TrainConfig(epochs=command.epochs)
-        config = dataclasses.replace(config, source=dataclasses.replace(config.source, frames=command.frames))
-        data = prepare_data(config)
-        table = run_training_study(
-            variants_of(config), command.seeds, data, command.out, command.unseen_scenes, title, also
-        )
-    except FAILURES as error:
-        exit_with(error)
-    except KeyboardInterrupt:
-        return stopped("the same command goes on with the trainings that are not finished")
-    return 130 if table is None else 0
+    require_counts(command, seeds=1, epochs=1, frames=1, unseen_scenes=0)
+    require_devices()
+    config = TrainConfig(epochs=command.epochs)
+    config = dataclasses.replace(config, source=dataclasses.replace(config.source, frames=command.frames))
+    data = prepare_data(config)
+    table = run_training_study(
+        variants_of(config), command.seeds, data, command.out, command.unseen_scenes, title, also
+    )
+    return STOPPED if table is None else 0
 
 
 def run_training_study(

@@ -43,8 +43,8 @@ def save_sheet(sequence: FrameSequence, result: SequenceResult, file: Path, fram
 def _title(result: SequenceResult) -> str:
     plan = result.plan
     text = (
-        f"{result.name}: feasibility {plan.feasibility.mean():.2f}, collision {plan.collision.mean():.2f}, "
-        f"stability {plan.stability.mean():.2f}"
+        f"{result.name}, plans as they are: feasibility {plan.feasibility.mean():.2f}, "
+        f"collision {plan.collision.mean():.2f}, stability {plan.stability.mean():.2f}"
     )
     if result.truth is not None and result.served is not None:
         text += (

@@ -1,0 +1,44 @@
+"""All kinds by family, and which case comes when."""
+
+from collections.abc import Iterator
+
+from tests.malformed import recordings
+from tests.malformed.kinds import Kind
+
+FAMILIES: dict[str, dict[str, Kind]] = {
+    "recordings": recordings.KINDS,
+}
+
+WEIGHTS = {"recordings": 1}
+"""Cases of a family in every round."""
+
+
+def schedule(count: int, only: str | None = None) -> Iterator[tuple[str, Kind, int]]:
+    """(name, kind, number) of so many cases; a family's cases are numbered by themselves, its kinds in turn.
+
+    So a case stays the same by its kind, seed and number when another family grows.
+    """
+    if only in FAMILIES:
+        turns = [only]
+    elif only is None:
+        turns = [family for family, weight in WEIGHTS.items() for _ in range(weight)]
+    else:
+        yield from _of_one_kind(count, only)
+        return
+    numbers = dict.fromkeys(FAMILIES, 0)
+    for turn in range(count):
+        family = turns[turn % len(turns)]
+        number, kinds = numbers[family], list(FAMILIES[family].items())
+        numbers[family] += 1
+        name, kind = kinds[number % len(kinds)]
+        yield name, kind, number
+
+
+def _of_one_kind(count: int, name: str) -> Iterator[tuple[str, Kind, int]]:
+    for kinds in FAMILIES.values():
+        if name in kinds:
+            first = list(kinds).index(name)
+            for turn in range(count):
+                yield name, kinds[name], first + turn * len(kinds)
+            return
+    raise SystemExit(f"error: unknown kind {name!r}; choose a family of {', '.join(FAMILIES)} or one of its kinds.")
