@@ -124,7 +124,7 @@ def finish(
     save_pictures(shared.out, records[:_GRID], f"{options.motion.motion().kind}, {options.engine}")
     video = shared.out / "walk.mp4" if shared.video else None
     pushes = push_forces(conditions, 0, records[0].time)
-    film(video, options.view, model, records[0], np.asarray(result.sample.qpos[0]), pushes)
+    film(video, options.view, model, records[0], np.asarray(result.sample.qpos[0]), pushes, metrics[0].fallen)
     say(f"Figures, pictures and records are in {shared.out}.")
 
 
