@@ -23,7 +23,8 @@ from iwalker_jax.data import FrameSet, concatenate, frames_from_episodes, load_f
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation import POLICIES, EpisodeProgram, Outcome, make_navigator
 from iwalker_jax.runtime import write_json
-from iwalker_jax.runtime.files import first_line, part_of
+from iwalker_jax.runtime.devices import chosen_devices
+from iwalker_jax.runtime.files import first_line, part_of, require_writable
 from iwalker_jax.runtime.locks import exclusive
 from iwalker_jax.streams import COLLECTION_TASKS
 from iwalker_jax.tasks import training_task
@@ -76,6 +77,8 @@ def collect(command: Command) -> None:
             f"Give a positive time of at most 3600 s and a policy of {', '.join(POLICIES)}; got {command.seconds} s "
             f"and {command.policy!r}."
         )
+    require_writable(command.out, is_file=True)
+    chosen_devices(command.devices)
     planner, _, name = planner_of(command.run)
     navigator = make_navigator(command.policy, planner)
     program = EpisodeProgram(navigator, min(command.width, command.tasks), command.devices, images=True)

@@ -19,6 +19,7 @@ from iwalker_jax.commands.shared.console import (
 )
 from iwalker_jax.commands.shared.planners import planner_of
 from iwalker_jax.data import frames_from_recording
+from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation import Table
 from iwalker_jax.evaluation.episodes import (
     NETWORKS_MARK,
@@ -39,6 +40,8 @@ from iwalker_jax.evaluation.frames import FrameSequence, evaluate_all, standard_
 from iwalker_jax.navigation import EpisodeProgram, make_navigator
 from iwalker_jax.planning import Planner
 from iwalker_jax.runtime import ProcessGroup, barrier, is_first, machine
+from iwalker_jax.runtime.devices import chosen_devices
+from iwalker_jax.runtime.files import require_writable
 from iwalker_jax.scenes import SEQUENCE_NAMES
 from iwalker_jax.training import TrainConfig
 
@@ -98,10 +101,12 @@ def main(arguments: list[str] | None = None) -> int:
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
     require_counts(command, unseen_scenes=0)
     come_together(command.group)
+    chosen_devices(command.devices)
     planner, config, name = planner_of(command.run, command.checkpoint)
     # Wrong names are said before an hour of work.
     settings, planners = study_settings(command, planner, name)
     out = command.out or (command.run or Path("runs/pretrained")) / "evaluation"
+    require_writable(out)
     frames = evaluate_frames(command, planner, config, out) if is_first() else None
     study = Study() if settings is None else evaluate_episodes(command, settings, planners, out)
     barrier()
@@ -134,6 +139,8 @@ def study_settings(command: Command, planner: Planner, name: str) -> tuple[Study
     planners: dict[str, Planner] = {}
     for policy in policies:
         kind, folder = policy_and_networks(policy)
+        if NETWORKS_MARK in policy and not folder:
+            raise InputError(f"The policy {policy!r} names no run; give its folder, {policy}FOLDER, or leave it out.")
         if folder:
             other, _, other_name = planner_of(Path(folder))
             planners[f"{kind}{NETWORKS_MARK}{other_name}"] = other
@@ -145,9 +152,10 @@ def study_settings(command: Command, planner: Planner, name: str) -> tuple[Study
 def evaluate_frames(command: Command, planner: Planner, config: TrainConfig, out: Path) -> Table | None:
     """The table of single frames, printed and saved; None if no frames are asked for."""
     camera = planner.config.ipath.camera
-    sequences = standard_sequences(command.scenes, command.unseen_scenes, command.seed, say, camera)
+    own = []
     if command.data is not None:
-        sequences.append(FrameSequence("recording", frames_from_recording(command.data, say=say, camera=camera), None))
+        own = [FrameSequence("recording", frames_from_recording(command.data, say=say, camera=camera), None)]
+    sequences = [*standard_sequences(command.scenes, command.unseen_scenes, command.seed, say, camera), *own]
     if not sequences:
         return None
     table = evaluate_all(planner, config.models, sequences, out, say=say)

@@ -20,6 +20,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation import pyplot, save_figure
 from iwalker_jax.perception import CameraMount, Intrinsics
 from iwalker_jax.perception.depth_png import png_size
+from iwalker_jax.runtime.files import require_writable
 from iwalker_jax.scenes import (
     DepthNoise,
     add_depth_noise,
@@ -112,20 +113,21 @@ def main(arguments: list[str] | None = None) -> int:
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
     require_devices()
     check_seed(command.seed, "the scenes")
+    require_writable(command.output, is_file=True)
     show_depth_noise(command)
     return 0
 
 
 def show_depth_noise(command: Command) -> None:
     """Measure, print and draw."""
+    real = None if command.real is None else _read_millimetres(command.real)
     ideal, simulated = _simulated_views(command)
     rows = [("ideal", ideal), ("simulated", simulated[:, 0])]
     statistics = {"simulated": _average([frame_statistics(view) for view in simulated])}
-    if command.real is not None:
-        frames = _read_millimetres(command.real)
-        shown = np.linspace(0, len(frames) - 1, len(ideal)).astype(int)
-        rows.append(("real", frames[shown]))
-        statistics["real, quietest 4 frames"] = frame_statistics(quietest_stretch(frames))
+    if real is not None:
+        shown = np.linspace(0, len(real) - 1, len(ideal)).astype(int)
+        rows.append(("real", real[shown]))
+        statistics["real, quietest 4 frames"] = frame_statistics(quietest_stretch(real))
     console.print(_table(statistics))
 
     figure, axes = pyplot().subplots(

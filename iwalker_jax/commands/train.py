@@ -25,7 +25,8 @@ from iwalker_jax.data.sources import load_training_frames
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.frames import FrameSequence, evaluate_all, standard_sequences
 from iwalker_jax.evaluation.tables import Table
-from iwalker_jax.runtime.files import write_json
+from iwalker_jax.planning import Planner
+from iwalker_jax.runtime.files import require_writable, write_json
 from iwalker_jax.runtime.locks import exclusive
 from iwalker_jax.runtime.processes import ProcessGroup, barrier, is_first
 from iwalker_jax.training.checkpoints import load_run
@@ -34,7 +35,7 @@ from iwalker_jax.training.config_dict import config_to_dict
 from iwalker_jax.training.loop import TrainingProgress, TrainResult, batch_mesh, run_lock, train
 from iwalker_jax.training.maps import TrainingData, prepare
 from iwalker_jax.training.pretrained import save_planner
-from iwalker_jax.training.train_step import planner_from
+from iwalker_jax.training.train_step import check_batch_split, planner_from
 
 
 @dataclass(frozen=True)
@@ -92,18 +93,28 @@ def prepare_data(config: TrainConfig) -> TrainingData:
         return prepare(frames, config.models.traversal, on_progress=show)
 
 
-def run_training(command: Command, data: TrainingData) -> TrainResult:
-    """Train with a progress bar."""
+def starting_planner(command: Command) -> Planner | None:
+    """The networks that the training starts from, if it does not start from fresh ones.
+
+    Raises:
+        InputError: for networks of other sizes.
+        CheckpointError: for a run that cannot be read.
+    """
+    if command.start_from is None:
+        return None
+    state, other = load_run(command.start_from, say=say)
+    if other.planner != command.config.planner:
+        raise InputError(f"The networks of {command.start_from} have other sizes; use the options it was made with.")
+    return planner_from(other, state.params)
+
+
+def run_training(command: Command) -> TrainResult:
+    """Make the data and train, progress shown; what needs no data is refused before."""
     config = command.config
+    start, mesh = starting_planner(command), batch_mesh(command.devices)
+    check_batch_split(config, mesh)
+    data = prepare_data(config)
     frames = data.depth.shape[0]
-    start = None
-    if command.start_from is not None:
-        state, other = load_run(command.start_from, say=say)
-        if other.planner != config.planner:
-            raise InputError(
-                f"The networks of {command.start_from} have other sizes; use the options it was made with."
-            )
-        start = planner_from(other, state.params)
     with progress_bar("training", config.total_steps(frames)) as show:
 
         def report(progress: TrainingProgress) -> None:
@@ -120,7 +131,7 @@ def run_training(command: Command, data: TrainingData) -> TrainResult:
             command.out,
             resume=not command.fresh,
             start_from=start,
-            mesh=batch_mesh(command.devices),
+            mesh=mesh,
             tensorboard=command.tensorboard,
             on_progress=report,
             say=say,
@@ -131,7 +142,7 @@ def help_training(command: Command) -> int:
     """What processes other than 0 do: the same steps, of which they keep nothing; returns the exit status."""
     with tempfile.TemporaryDirectory() as scratch:
         command = dataclasses.replace(command, out=Path(scratch), tensorboard=False)
-        result = run_training(command, prepare_data(command.config))
+        result = run_training(command)
     if result.interrupted:
         return STOPPED
     barrier()
@@ -161,9 +172,10 @@ def main(arguments: list[str] | None = None) -> int:
     come_together(command.group)
     if not is_first():
         return help_training(command)
+    require_writable(command.out)
     # From the start, so that a second command in the folder need not make its frames to learn of the first.
     with exclusive(run_lock(command.out), command.out):
-        result = run_training(command, prepare_data(command.config))
+        result = run_training(command)
         if result.interrupted:
             return STOPPED
         barrier()

@@ -29,11 +29,13 @@ from iwalker_jax.commands.shared.walk_output import film, print_figures, push_fo
 from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.film import has_screen
+from iwalker_jax.runtime.files import require_writable
 from iwalker_jax.walking import (
     BatchResult,
     Conditions,
     Walk,
     Walker,
+    check_robots,
     default_walker,
     make_walk,
     sample_conditions,
@@ -96,9 +98,11 @@ def walk_motion(command: Command) -> None:
     options, shared = command.walk, command.shared
     if options.view and not has_screen():
         raise InputError("There is no screen for MuJoCo's viewer (DISPLAY is not set); leave --view out.")
+    motion = options.motion.motion()
+    check_robots(options.robots, shared.seed)
     walker, model = default_walker(shared.sensors or "none")
     gait = walker.controller.gait
-    walk = make_walk(options.motion.motion(), model, gait)
+    walk = make_walk(motion, model, gait)
     disturbances = dataclasses.replace(shared.disturbances, push_after=halfway(walk, gait))
     step_time = float(gait.hlip.step_time)
     conditions = sample_conditions(walker.robot, disturbances, options.robots, shared.seed, step_time)
@@ -124,7 +128,7 @@ def finish(
     save_pictures(shared.out, records[:_GRID], f"{options.motion.motion().kind}, {options.engine}")
     video = shared.out / "walk.mp4" if shared.video else None
     pushes = push_forces(conditions, 0, records[0].time)
-    film(video, options.view, model, records[0], np.asarray(result.sample.qpos[0]), pushes)
+    film(video, options.view, model, records[0], np.asarray(result.sample.qpos[0]), pushes, metrics[0].fallen)
     say(f"Figures, pictures and records are in {shared.out}.")
 
 
@@ -134,6 +138,7 @@ def main(arguments: list[str] | None = None) -> int:
     command = tyro.cli(Command, args=sys.argv[1:] if arguments is None else arguments)
     refuse_others(command.episode, command.walk)
     require_devices()
+    require_writable(command.shared.out)
     if command.episode.scene is not None:
         run_scene_episode(command.episode, command.shared)
     else:

@@ -29,6 +29,8 @@ from iwalker_jax.evaluation.walks import (
     walk_metrics,
     with_case,
 )
+from iwalker_jax.runtime.devices import chosen_devices
+from iwalker_jax.runtime.files import require_writable
 from iwalker_jax.runtime.locks import exclusive
 from iwalker_jax.walking import (
     Conditions,
@@ -187,6 +189,8 @@ def run_walk_study(command: Command) -> Table:
     require_counts(command, seeds=1, trials=1, seed=0)
     require_devices()
     engines = ("mjx", "mujoco") if command.engine == "both" else (command.engine,)
+    chosen_devices(command.devices)
+    require_writable(command.out)
     todo = [(suite, case, engine) for suite, case in cases_of(command.suites) for engine in engines]
     with exclusive(command.out / ".lock", command.out):
         return _walk_cases(command, todo)

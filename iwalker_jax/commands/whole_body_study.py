@@ -32,6 +32,7 @@ from iwalker_jax.evaluation.episodes import (
 )
 from iwalker_jax.navigation import POLICIES, EpisodeProgram, make_navigator
 from iwalker_jax.planning import Planner, SplitModule, split_module
+from iwalker_jax.runtime.files import require_writable
 from iwalker_jax.tasks.generated import generated_tasks
 from iwalker_jax.tasks.task import Task
 from iwalker_jax.training.batches import TrainingBatch, gather_batch
@@ -143,6 +144,7 @@ def main(arguments: list[str] | None = None) -> int:
     # Whatever would fail after hours of training is refused before.
     require_counts(command, epochs=1, frames=1, tasks=1, seed=0)
     require_devices()
+    require_writable(command.out)
     if command.policy not in POLICIES:
         raise InputError(f"Unknown policy {command.policy!r}; choose one of {', '.join(POLICIES)}.")
     configs = weight_variants(command)

@@ -11,10 +11,20 @@ if TYPE_CHECKING:
     from iwalker_jax.film.headless import configure_rendering, has_screen, missing_backend
     from iwalker_jax.film.markers import add_footsteps, add_forces, add_goal, add_path, add_shadow
     from iwalker_jax.film.recorded_motion import check_motion, resample_motion, smooth_track
-    from iwalker_jax.film.rendering import Overlays, VideoSettings, open_renderer, render_frames, set_configuration
+    from iwalker_jax.film.rendering import (
+        ENDING_SECONDS,
+        Ending,
+        Overlays,
+        VideoSettings,
+        open_renderer,
+        render_frames,
+        set_configuration,
+    )
     from iwalker_jax.film.video import play_motion, write_frames, write_video
 
 __all__ = [
+    "ENDING_SECONDS",
+    "Ending",
     "Overlays",
     "VideoSettings",
     "add_footsteps",
@@ -40,7 +50,7 @@ _HOMES = {
     "headless": "configure_rendering has_screen missing_backend",
     "markers": "add_footsteps add_forces add_goal add_path add_shadow",
     "recorded_motion": "check_motion resample_motion smooth_track",
-    "rendering": "Overlays VideoSettings open_renderer render_frames set_configuration",
+    "rendering": "ENDING_SECONDS Ending Overlays VideoSettings open_renderer render_frames set_configuration",
     "video": "play_motion write_frames write_video",
 }
 

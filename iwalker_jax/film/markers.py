@@ -16,6 +16,14 @@ _METRES_PER_NEWTON = {"contact": 0.006, "push": 0.012}
 _BODY_RADIUS = 0.1  # [m] from the base's centre to where a push touches it
 _FORCE_COLOUR = (0.1, 0.65, 0.25, 1.0)
 _PUSH_COLOUR = (0.85, 0.1, 0.1, 1.0)
+MARK_COLOURS = {
+    "right footsteps": _COLOURS[Side.RIGHT],
+    "left footsteps": _COLOURS[Side.LEFT],
+    "contact force": _FORCE_COLOUR[:3],
+    "push": _PUSH_COLOUR[:3],
+}
+"""(r, g, b) of what stands beside a robot, by name."""
+
 _PATH_COLOUR = (0.85, 0.12, 0.12, 1.0)
 _GOAL_COLOUR = (0.85, 0.0, 0.75)
 

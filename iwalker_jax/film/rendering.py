@@ -1,6 +1,8 @@
 """Frames of recorded motions, drawn offscreen by MuJoCo with footsteps, forces, pushes and a clock."""
 
 import copy
+import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,7 +14,7 @@ from jaxtyping import Float, UInt8
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.film.headless import NO_RENDERING, missing_backend
-from iwalker_jax.film.markers import add_footsteps, add_forces, add_shadow
+from iwalker_jax.film.markers import MARK_COLOURS, add_footsteps, add_forces, add_shadow
 from iwalker_jax.film.recorded_motion import check_motion, resample_motion, smooth_track
 from iwalker_jax.robot import CONTACT_POINTS
 from iwalker_jax.walking import TimedFootsteps
@@ -48,6 +50,22 @@ class VideoSettings:
             raise InputError(f"The video's anti-aliasing takes {self.samples} samples; give 0, 2, 4 or 8.")
 
 
+ENDING_SECONDS = 1.5
+"""[s] for which a film's last frame is held, so that how it ended can be read."""
+
+
+class Ending(NamedTuple):
+    """How a motion ended, to be read in the film's last frame.
+
+    Attributes:
+        words: a short sentence.
+        colour: (r, g, b) of 8 bits, behind the words.
+    """
+
+    words: str
+    colour: tuple[int, int, int]
+
+
 class Overlays(NamedTuple):
     """What is drawn besides the robot; left out where None.
 
@@ -56,12 +74,16 @@ class Overlays(NamedTuple):
         forces: (N, 4, 3) [N] contact forces at `CONTACT_POINTS`, world frame.
         pushes: (N, 3) [N] force on the base, world frame.
         caption: line of text under the clock.
+        legend: whether to say what the marks mean.
+        ending: what the last frame says, which is then held for `ENDING_SECONDS`.
     """
 
     footsteps: TimedFootsteps | None = None
     forces: Float[np.ndarray, "n 4 3"] | None = None
     pushes: Float[np.ndarray, "n 3"] | None = None
     caption: str = ""
+    legend: bool = False
+    ending: Ending | None = None
 
 
 def render_frames(
@@ -88,11 +110,12 @@ def render_frames(
     camera = _camera_of(model, settings.camera)
     tracking = model.cam_mode[camera] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED
     period = 1.0 / (settings.fps * settings.slow_motion)
-    at = times[0] + period * np.arange(int((times[-1] - times[0]) / period + 1e-6) + 1)
+    # The last frame shows the last instant, whether a whole number of frames leads to it or not.
+    at = np.minimum(times[0] + period * np.arange(math.ceil((times[-1] - times[0]) / period - 1e-6) + 1), times[-1])
     motion = resample_motion(model, qpos, times, at)
     rows = np.minimum(np.searchsorted(times, at), len(times) - 1)
     track = smooth_track(motion[:, :3], period)
-    speed = np.linalg.norm(np.gradient(track[:, :2], period, axis=0), axis=1) if len(at) > 1 else np.zeros(1)
+    speed = np.linalg.norm(np.gradient(track[:, :2], at, axis=0), axis=1)
     data = mujoco.MjData(model)
     with open_renderer(model, settings) as renderer:
         scene = renderer.scene
@@ -106,7 +129,16 @@ def render_frames(
             scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
             add_shadow(scene, data.xpos[1])
             draw_overlays(scene, data, overlays, now, int(rows[i]))
-            yield _write_text(renderer.render(), (f"{now:.2f} s   {speed[i]:.2f} m/s", overlays.caption))
+            image = _write_text(renderer.render(), (f"{now:.2f} s   {speed[i]:.2f} m/s", overlays.caption))
+            if overlays.legend:
+                _write_legend(image, overlays)
+            if i < len(at) - 1:
+                yield image
+    if overlays.ending is None:
+        yield image
+        return
+    _write_ending(image, overlays.ending)
+    yield from itertools.repeat(image, math.ceil(ENDING_SECONDS * settings.fps - 1e-3))
 
 
 def set_configuration(model: mujoco.MjModel, data: mujoco.MjData, qpos: Float[np.ndarray, " nq"]) -> None:
@@ -170,3 +202,30 @@ def _write_text(
         corner = (round(12 * scale), round((26 + 22 * i) * scale))
         cv2.putText(image, line, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.55 * scale, (40, 40, 45), 1, cv2.LINE_AA)
     return image
+
+
+def _write_legend(image: UInt8[np.ndarray, "height width 3"], overlays: Overlays) -> None:
+    """Say in the lower left corner what the marks that this motion has mean."""
+    drawn = {
+        "planned right footsteps": overlays.footsteps is not None,
+        "planned left footsteps": overlays.footsteps is not None,
+        "contact force": overlays.forces is not None,
+        "push": overlays.pushes is not None and bool(np.any(overlays.pushes)),
+    }
+    words = [text for text, there in drawn.items() if there]
+    scale = image.shape[0] / 480
+    for i, text in enumerate(reversed(words)):
+        y = image.shape[0] - round((14 + 20 * i) * scale)
+        corners = (round(12 * scale), y - round(10 * scale)), (round(30 * scale), y)
+        colour = tuple(round(255 * part) for part in MARK_COLOURS[text.removeprefix("planned ")])
+        cv2.rectangle(image, *corners, colour, -1)
+        place = (round(38 * scale), y)
+        cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45 * scale, (40, 40, 45), 1, cv2.LINE_AA)
+
+
+def _write_ending(image: UInt8[np.ndarray, "height width 3"], ending: Ending) -> None:
+    """Lay a bar with the words over the top of the picture, in the ending's colour."""
+    scale = image.shape[0] / 480
+    image[: round(56 * scale)] = ending.colour
+    place = (round(12 * scale), round(36 * scale))
+    cv2.putText(image, ending.words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.7 * scale, (255, 255, 255), 1, cv2.LINE_AA)

@@ -7,7 +7,7 @@ from iwalker_jax.navigation.closed_loop import LoopParameters, LoopState, Naviga
 from iwalker_jax.navigation.episodes import EpisodeProgram, place_at
 from iwalker_jax.navigation.faults import Faults, make_faults
 from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, Observation, guide
-from iwalker_jax.navigation.map_memory import MapMemory, MapMemoryParameters
+from iwalker_jax.navigation.map_memory import MapCell, MapMemory, MapMemoryParameters
 from iwalker_jax.navigation.navigators import POLICIES, NavigationPolicy, make_navigator
 from iwalker_jax.navigation.path_band import BandParameters, safe_path
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
@@ -25,6 +25,7 @@ __all__ = [
     "HealthParameters",
     "LoopParameters",
     "LoopState",
+    "MapCell",
     "MapMemory",
     "MapMemoryParameters",
     "NavigationPolicy",

@@ -23,7 +23,7 @@ from iwalker_jax.navigation.camera_health import CameraHealth, HealthParameters,
 from iwalker_jax.navigation.depth_camera import DepthCameraState, start_depth_camera, take_depth
 from iwalker_jax.navigation.faults import Faults, obstacles_at, within
 from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, Observation, guide
-from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, memory_cells
+from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, map_cells
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.navigation.step_planning import (
     PursuitParameters,
@@ -360,9 +360,9 @@ def _record(
     physics = state.walk.physics
     R_world_camera, _ = camera_in_world(navigator.camera, physics.qpos)
     base = base_pose(R_world_camera, samples.com[-1, -1])
-    occupied = jnp.zeros((0, 0), bool)
+    cells = jnp.zeros((0, 0), jnp.int8)
     if depth is not None:
-        occupied, _ = memory_cells(navigator.guidance.memory, state.memory)
+        cells = map_cells(navigator.guidance.memory, state.memory)
     share = jnp.max(samples.torques / navigator.walker.controller.actuation.limits)
     return EpisodeRecord(
         time=physics.time,
@@ -381,5 +381,5 @@ def _record(
         torque_share=share,
         qp_failures=jnp.sum(samples.qp_failures),
         depth=jnp.zeros((0, 0), jnp.float16) if depth is None else depth.astype(jnp.float16),
-        occupied=occupied,
+        cells=cells,
     )

@@ -7,17 +7,26 @@ ever resampled twice.
 """
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Int8
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, to_base
 from iwalker_jax.perception import DEFAULT_GRID, GridSpec
 
 _LARGEST_SHIFT = 16  # cells between two frames; a robot that believes to have jumped farther starts afresh
+
+
+class MapCell(IntEnum):
+    """What the memory holds a cell for."""
+
+    UNSEEN = 0
+    FREE = 1
+    OCCUPIED = 2
 
 
 @dataclass(frozen=True)
@@ -122,6 +131,13 @@ def memory_cells(parameters: MapMemoryParameters, memory: MapMemory) -> tuple[Bo
     """(occupied, unknown) cells of the window."""
     occupied = memory.evidence >= parameters.threshold
     return occupied, jnp.abs(memory.evidence) < min(parameters.threshold, parameters.free_evidence)
+
+
+def map_cells(parameters: MapMemoryParameters, memory: MapMemory) -> Int8[Array, "n n"]:
+    """The `MapCell` of every cell of the window."""
+    occupied, unknown = memory_cells(parameters, memory)
+    cells = jnp.where(occupied, MapCell.OCCUPIED, jnp.where(unknown, MapCell.UNSEEN, MapCell.FREE))
+    return cells.astype(jnp.int8)
 
 
 def _cell(parameters: MapMemoryParameters, xy: Float[Array, "2"]) -> Int[Array, "2"]:

@@ -3,7 +3,7 @@
 from enum import IntEnum
 from typing import NamedTuple
 
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Int8
 
 
 class Outcome(IntEnum):
@@ -31,6 +31,12 @@ class Outcome(IntEnum):
     def colour(self) -> str:
         """Of the outcome in pictures and pages, as #rrggbb."""
         return _DESCRIPTIONS[self].colour
+
+    @property
+    def rgb(self) -> tuple[int, int, int]:
+        """The same colour as numbers of 8 bits."""
+        red, green, blue = bytes.fromhex(self.colour[1:])
+        return red, green, blue
 
 
 class _Description(NamedTuple):
@@ -70,8 +76,8 @@ class EpisodeRecord(NamedTuple):
         torque_share: largest motor torque since the last frame over its limit.
         qp_failures: ticks since the last frame whose whole-body QP did not converge.
         depth: (height, width) float16 [m] as the planner sees it, and
-        occupied: (n, n) its remembered map, a window with the world's axes around the believed base; both only where
-            images are kept, else empty.
+        cells: (n, n) `MapCell`s of its remembered map, a window with the world's axes around the believed base; both
+            only where images are kept, else empty.
 
     What the planner saw and planned (`believed`, `path`, `depth`) belong to the frame's start, the rest to its end.
     """
@@ -92,4 +98,4 @@ class EpisodeRecord(NamedTuple):
     torque_share: Float[Array, "*n"]
     qp_failures: Int[Array, "*n"]
     depth: Float[Array, "*n h w"]
-    occupied: Bool[Array, "*n rows columns"]
+    cells: Int8[Array, "*n rows columns"]

@@ -32,8 +32,8 @@ class Intrinsics:
         values = (self.fx, self.fy, self.cx, self.cy)
         if self.width < 2 or self.height < 2:
             raise InputError(f"Image size must be at least 2 x 2 px, got {self.width} x {self.height}.")
-        if not all(math.isfinite(v) for v in values) or self.fx <= 0 or self.fy <= 0:
-            raise InputError(f"Focal lengths must be positive and finite, got fx={self.fx}, fy={self.fy}.")
+        if not all(math.isfinite(v) for v in values) or not (0 < self.fx <= 1e6 and 0 < self.fy <= 1e6):
+            raise InputError(f"Focal lengths must lie in (0, 1e6] px and be finite, got fx={self.fx}, fy={self.fy}.")
         if not (-self.width < self.cx < 2 * self.width and -self.height < self.cy < 2 * self.height):
             raise InputError(
                 f"The principal point ({self.cx}, {self.cy}) px lies far outside the {self.width} x {self.height} "
@@ -70,6 +70,8 @@ class CameraMount:
         require_range(self, "height", 0.01, 10.0, "m")
         require_range(self, "pitch", -math.pi / 2, math.pi / 2, "rad")
         require_range(self, "roll", -math.pi, math.pi, "rad")
+        require_range(self, "forward", -10.0, 10.0, "m")
+        require_range(self, "left", -10.0, 10.0, "m")
 
     def as_array(self) -> Float[Array, " 5"]:
         """[height, pitch, roll, forward, left], the array form that jitted functions take."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from iwalker_jax.checks import require_plain_numbers
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY
 
@@ -30,6 +31,7 @@ class TraversalParameters:
     unknown: float = 0.7
 
     def __post_init__(self) -> None:
+        require_plain_numbers(self)
         if not 0 < self.body_radius < self.comfort or not self.contact_ramp > 0:
             raise InputError("TraversalParameters needs 0 < body_radius < comfort and contact_ramp > 0.")
         if min(self.discomfort, self.contact, self.unknown) < 0:

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from iwalker_jax.checks import require_plain_numbers
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import DEFAULT_OBSTACLES, ObstacleParameters
 
@@ -33,8 +34,9 @@ class GoalScan:
     reach: float = 6.0
 
     def __post_init__(self) -> None:
-        if self.bins < 4 or not 0 < self.half_span <= np.pi or not self.low < self.high:
-            raise InputError("GoalScan needs at least 4 bins, a half span in (0, pi] rad and low < high [m].")
+        require_plain_numbers(self)
+        if not 4 <= self.bins <= 4096 or not 0 < self.half_span <= np.pi or not self.low < self.high:
+            raise InputError("GoalScan needs 4 to 4096 bins, a half span in (0, pi] rad and low < high [m].")
         _ = self.obstacles  # which has checks of its own
 
     @property

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float
 
-from iwalker_jax.checks import Scalar
+from iwalker_jax.checks import Scalar, require_plain_numbers
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import CameraMount, Intrinsics, backproject
 from iwalker_jax.planning.goal_scan import SCAN_CHANNELS, GoalScan, goal_scan
@@ -51,13 +51,16 @@ class IPathConfig:
     equivariant: bool = True
 
     def __post_init__(self) -> None:
+        require_plain_numbers(self)
         if self.variant not in ("light", "paper"):
             raise InputError(f"Unknown iPath variant {self.variant!r}; choose 'light' or 'paper'.")
         height, width = self.camera.height, self.camera.width
         if height < 64 or width < 96:
             raise InputError(f"iPath needs depth images of at least 64 x 96 px, got {height} x {width}.")
-        if self.waypoints < 2 or self.trunk_width < 4 or self.goal_reach <= 0:
-            raise InputError("iPath needs at least 2 waypoints, 4 trunk channels and a positive goal reach.")
+        if not (2 <= self.waypoints <= 100 and 4 <= self.trunk_width <= 4096 and 1 <= self.hidden <= 65_536):
+            raise InputError("iPath needs 2 to 100 waypoints, 4 to 4096 trunk channels and 1 to 65536 hidden units.")
+        if not (0 < self.goal_reach <= 1000 and 0 < self.nearest_depth <= 100):
+            raise InputError("iPath needs a goal reach in (0, 1000] m and a nearest depth in (0, 100] m.")
         if self.goal_is_end and self.even:
             raise InputError("Evenly spaced waypoints cannot end at the goal too; set even or goal_is_end to False.")
 

@@ -28,8 +28,8 @@ class IStepperConfig:
     correction: float = 0.15
 
     def __post_init__(self) -> None:
-        if self.hidden < 1 or self.path_points < 2 or self.correction <= 0:
-            raise InputError("iStepper needs hidden >= 1, path_points >= 2 and a positive correction.")
+        if not (1 <= self.hidden <= 65_536 and 2 <= self.path_points <= 1000 and 0 < self.correction <= 1):
+            raise InputError("iStepper needs 1 to 65536 hidden units, 2 to 1000 path points, a correction in (0, 1] m.")
 
 
 class IStepper(nnx.Module):

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from iwalker_jax.checks import require_range
 from iwalker_jax.optimization import UnicycleParameters
 from iwalker_jax.perception import TraversalParameters
 
@@ -21,3 +22,7 @@ class PlannerModels:
     traversal: TraversalParameters = TraversalParameters()
     safety_margin: float = 0.10
     blind_walking: float = 4.5
+
+    def __post_init__(self) -> None:
+        require_range(self, "safety_margin", 0.0, 2.0, "m")
+        require_range(self, "blind_walking", 0.0, 1e6, "per metre")

@@ -9,6 +9,7 @@ import hashlib
 import io
 import json
 import os
+import tempfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,6 +21,10 @@ from numpy.typing import ArrayLike
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.locks import lock_file
+from iwalker_jax.runtime.reading import printable, read_bytes
+
+MOST_SAVED = 1 << 40
+"""[bytes] of a file that the product wrote; what fits the memory decides earlier."""
 
 CHECKSUM = "sha256"
 """Name of the array of an .npz file that holds the digest of the others."""
@@ -97,6 +102,18 @@ def write_npz(file: Path, arrays: Mapping[str, ArrayLike]) -> None:
     write_bytes(file, stream.getvalue())
 
 
+def read_whole(file: Path) -> bytes:
+    """Content of a regular file that the product wrote, however large.
+
+    Raises:
+        InputError: if it cannot be read, without a full stop; the caller adds what to do.
+    """
+    try:
+        return read_bytes(file, MOST_SAVED)
+    except InputError as error:
+        raise InputError(f"{printable(file, 300)} cannot be read: it {str(error).rstrip('.')}") from error
+
+
 def read_npz(file: Path, foreign: bool = False) -> dict[str, np.ndarray]:
     """The arrays of a file of `write_npz`.
 
@@ -107,12 +124,12 @@ def read_npz(file: Path, foreign: bool = False) -> dict[str, np.ndarray]:
     Raises:
         InputError: if the file is missing, damaged, altered, or has no checksum; the caller adds what to do.
     """
-    try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise InputError(f"{file} cannot be read: {error.strerror}") from error
+    content = read_whole(file)
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as stored:
+            size = sum(member.file_size for member in stored.zip.infolist())
+            if size > _memory():
+                raise MemoryError(f"unpacked it takes {size / 1e9:.0f} GB, more than this machine's memory")
             arrays = {name: stored[name] for name in stored.files}
     except Exception as error:  # zipfile, zlib, struct, tokenize and NumPy each have kinds of their own
         raise InputError(f"{file} is damaged, or no .npz file ({first_line(error)})") from error
@@ -124,6 +141,36 @@ def read_npz(file: Path, foreign: bool = False) -> dict[str, np.ndarray]:
     return arrays
 
 
+def _memory() -> int:
+    """[bytes] of this machine's memory."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def require_writable(wanted: Path, is_file: bool = False) -> None:
+    """Refuse, before any work is done, a folder or a file that cannot be made or written to; nothing is made.
+
+    Raises:
+        InputError: with the reason.
+    """
+    place = wanted
+    if is_file and not os.path.isdir(wanted):
+        place = wanted.parent
+    while not os.path.lexists(place) and place != place.parent:
+        place = place.parent
+    try:
+        longest = os.pathconf(place, "PC_NAME_MAX")
+        if "\0" in str(wanted) or any(len(os.fsencode(part)) > longest for part in wanted.parts):
+            raise InputError(f"{printable(wanted, 300)} is no name for a folder or file; choose another one.")
+        if is_file and place == wanted:
+            raise InputError(f"{wanted} is a folder; give a file's name.")
+        # A file without a name, which is the only sure sign that others will be let in.
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        reason = f"{place}: {error.strerror}" if place != wanted else error.strerror
+        raise InputError(f"{wanted} cannot be written to ({reason}); choose another place.") from error
+
+
 def read_csv_lines(content: bytes) -> list[list[str]]:
     """Cells of comma-separated values, a list a line; bytes that are no UTF-8 show as U+FFFD, as do NUL bytes.
 
@@ -131,7 +178,14 @@ def read_csv_lines(content: bytes) -> list[list[str]]:
     """
     text = content.decode("utf-8", errors="replace").replace("\0", "\ufffd")
     csv.field_size_limit(max(csv.field_size_limit(), len(text) + 1))
-    return [next(csv.reader([line])) for line in text.replace("\r\n", "\n").split("\n") if line]
+    return [_cells(line) for line in text.replace("\r\n", "\n").split("\n") if line]
+
+
+def _cells(line: str) -> list[str]:
+    try:
+        return next(csv.reader([line]))
+    except csv.Error:  # a carriage return within: one cell that fits no column
+        return [line]
 
 
 def line_checksum(cells: Iterable[str]) -> str:

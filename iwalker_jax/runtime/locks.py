@@ -1,5 +1,6 @@
 """Locks between processes, so that two of them do not write to one place; a process that dies gives its own back."""
 
+import contextlib
 import os
 import socket
 from collections.abc import Iterator
@@ -20,7 +21,8 @@ _held: dict[Path, int] = {}
 def exclusive(lock: Path, place: Path) -> Iterator[None]:
     """Keep other processes from using a place; this one may ask for it again meanwhile.
 
-    The system takes the lock from a process that ends in whatever way, so that no lock is ever stale.
+    The system takes the lock from a process that ends in whatever way, so that no lock is ever stale. Folders that were
+    made for the lock alone go with it.
 
     Args:
         lock: file to lock, made and removed here; its folder is made as needed.
@@ -34,6 +36,7 @@ def exclusive(lock: Path, place: Path) -> Iterator[None]:
     if lock in _held:
         yield
         return
+    made = [folder for folder in (lock.parent, *lock.parent.parents) if not folder.exists()]
     lock.parent.mkdir(parents=True, exist_ok=True)
     try:
         number = lock_file(lock, wait=False)
@@ -50,6 +53,10 @@ def exclusive(lock: Path, place: Path) -> Iterator[None]:
         del _held[lock]
         lock.unlink(missing_ok=True)
         os.close(number)
+        # A command that was refused leaves no empty folders behind.
+        with contextlib.suppress(OSError):
+            for folder in made:
+                folder.rmdir()
 
 
 def lock_file(file: Path, wait: bool) -> int:

@@ -43,7 +43,9 @@ class ProcessGroup:
         Raises:
             InputError: for values that are missing or out of range.
         """
-        coordinator = self.coordinator or environment.get("IWALKER_COORDINATOR")
+        coordinator = self.coordinator
+        if coordinator is None:
+            coordinator = environment.get("IWALKER_COORDINATOR")
         processes = _number(self.processes, "IWALKER_PROCESSES", environment)
         process = _number(self.process, "IWALKER_PROCESS", environment)
         given = {"--coordinator HOST:PORT": coordinator, "--processes N": processes, "--process K": process}

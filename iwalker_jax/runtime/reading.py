@@ -19,11 +19,13 @@ def read_bytes(file: Path, most: int) -> bytes:
         InputError: saying what is wrong in words that follow the file's name.
     """
     try:
-        regular = stat.S_ISREG(file.stat().st_mode)
+        status = file.stat()
+        regular = stat.S_ISREG(status.st_mode)
         content = b""
         if regular:
             with file.open("rb") as stream:
-                content = stream.read(most + 1)
+                # As much memory is taken as is asked for; some files of the system say that they are empty.
+                content = stream.read(min(most, max(status.st_size, MOST_TEXT)) + 1)
     except FileNotFoundError:
         raise InputError("is missing.") from None
     except ValueError:

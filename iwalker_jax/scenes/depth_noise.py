@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.geometry import safe_sqrt
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.perception.depth_cleanup import check_image_size
 
@@ -86,8 +87,13 @@ def add_depth_noise(
     noise: DepthNoise,
     intrinsics: Intrinsics,
     surface_key: Key[Array, ""] | None = None,
+    straight_through: bool = False,
 ) -> Float[Array, "height width"]:
     """Noisy z-depth [m] of an ideal depth image; 0 = no return. vmap over keys and frames.
+
+    Values are rounded to the matcher's steps, so the derivative in the ideal depth is zero, unless it goes straight
+    through the rounding: then it is that of the noise without it. Which pixels are lost or false is a jump either way,
+    and such pixels have no derivative.
 
     Args:
         key: of this frame.
@@ -96,6 +102,7 @@ def add_depth_noise(
         intrinsics: of the image.
         surface_key: of what lasts from frame to frame (weak texture, holes, bias). Frames of one view with different
             keys but the same surface key differ like successive frames of a real camera; None draws new surfaces.
+        straight_through: differentiate as if disparity were not rounded; the values stay the same, bit for bit.
 
     Raises:
         InputError: if the image has another size than its intrinsics.
@@ -112,11 +119,12 @@ def add_depth_noise(
     # Range noise enters as a disparity error, so that far noise is skewed away from the camera as in real frames.
     wave = _random_field(key_range, shape, noise.noise_length * scale)
     wave += noise.surface_bias * _random_field(key_bias, shape, 2.0 * noise.surface_length * scale)
-    std = jnp.sqrt(noise.near_std**2 + (noise.std_at_1m * depth**noise.growth) ** 2)
+    std = safe_sqrt(noise.near_std**2 + (noise.std_at_1m * depth**noise.growth) ** 2)
     std *= jnp.exp(noise.surface_spread * weak)
     pixel_metres = intrinsics.fx * noise.baseline
     step = noise.disparity_step * scale / pixel_metres
-    quanta = jnp.round((inverse - std * inverse**2 * wave) / step)
+    exact = (inverse - std * inverse**2 * wave) / step
+    quanta = _straight_through_round(exact) if straight_through else jnp.round(exact)
     measured = jnp.where(seen, jnp.maximum(quanta, 1.0) * step, 0.0)
     disparity = measured * pixel_metres
 
@@ -134,6 +142,17 @@ def add_depth_noise(
     noisy = jnp.where(kept, 1.0 / jnp.where(kept, measured, 1.0), 0.0)
     matched, ghost_depth = _ghosts(key_ghost, shape, noise, scale)
     return jnp.where(matched & ~blind, ghost_depth, noisy).astype(depth.dtype)
+
+
+@jax.custom_jvp
+def _straight_through_round(values: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """Nearest whole numbers, with the derivative of the values themselves."""
+    return jnp.round(values)
+
+
+@_straight_through_round.defjvp
+def _straight_through_round_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    return jnp.round(primals[0]), tangents[0]
 
 
 def _beside_edge(

@@ -4,6 +4,7 @@ import typing
 from dataclasses import dataclass
 from typing import Literal
 
+from iwalker_jax.checks import require_plain_numbers
 from iwalker_jax.data.sources import DataConfig
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization import GradientMode
@@ -64,6 +65,7 @@ class TrainConfig:
     def __post_init__(self) -> None:
         if self.method not in typing.get_args(Method):
             raise InputError(f"Unknown method {self.method!r}; choose one of {', '.join(typing.get_args(Method))}.")
+        require_plain_numbers(self)
         if min(self.batch_size, self.epochs, self.checkpoint_every, self.keep_checkpoints) < 1:
             raise InputError("batch_size, epochs, checkpoint_every and keep_checkpoints must be at least 1.")
         if self.batch_size > MOST_ROWS:

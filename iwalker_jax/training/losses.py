@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from iwalker_jax.checks import require_plain_numbers
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import footstep_signs, resample_by_arc_length, safe_norm
 from iwalker_jax.optimization import GradientMode, initial_state_from_reference, solve_step_mpc, solve_unicycle
@@ -68,6 +69,7 @@ class LossWeights:
     step_to_path: bool = True
 
     def __post_init__(self) -> None:
+        require_plain_numbers(self)
         numbers = [value for value in vars(self).values() if not isinstance(value, bool)]
         if any(not value >= 0 for value in numbers):
             raise InputError("Loss weights must be finite and not negative.")

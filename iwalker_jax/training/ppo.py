@@ -16,6 +16,7 @@ import optax
 from flax import nnx
 from jaxtyping import Array, Float
 
+from iwalker_jax.checks import require_plain_numbers
 from iwalker_jax.errors import InputError
 from iwalker_jax.planning import Planner, PlannerConfig, reduced_goal
 
@@ -46,6 +47,7 @@ class PpoSettings:
     worst_return: float = -50.0
 
     def __post_init__(self) -> None:
+        require_plain_numbers(self)
         if min(self.samples, self.epochs) < 1:
             raise InputError("PPO needs at least one sample and one epoch.")
         if not (0 < self.clip < 1 and self.deviation > 0 and self.entropy >= 0 and self.value >= 0):

@@ -10,7 +10,8 @@ from flax import nnx
 
 from iwalker_jax.errors import CheckpointError
 from iwalker_jax.planning import Planner
-from iwalker_jax.runtime.files import read_npz, write_npz
+from iwalker_jax.runtime.files import first_line, read_npz, write_npz
+from iwalker_jax.runtime.reading import printable
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.train_step import planner_from, planner_structure
@@ -48,7 +49,7 @@ def load_planner(file: Path = PRETRAINED) -> tuple[Planner, TrainConfig]:
         leaves = [_restored(arrays[jax.tree_util.keystr(path)], leaf.shape) for path, leaf in paths]
     except (KeyError, TypeError, ValueError) as error:
         raise CheckpointError(
-            f"{file} holds no planner that this version can read ({error}); "
+            f"{printable(file, 300)} holds no planner that this version can read ({first_line(error)}); "
             "train one with `iwalker-train` and pass its folder."
         ) from error
     return planner_from(config, jax.tree.unflatten(structure, leaves)), config

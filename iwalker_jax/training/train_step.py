@@ -134,12 +134,21 @@ def make_train_step(
     Raises:
         InputError: if the batch cannot be split evenly over the mesh.
     """
+    check_batch_split(config, mesh)
+    make = _ppo_step if config.method == "ppo" else _gradient_step
+    return make(config, optimiser, mesh)
+
+
+def check_batch_split(config: TrainConfig, mesh: Mesh | None) -> None:
+    """Require a batch that the devices of a mesh share evenly.
+
+    Raises:
+        InputError: with both numbers.
+    """
     if mesh is not None and config.batch_size % mesh.size:
         raise InputError(
             f"A batch of {config.batch_size} cannot be split over {mesh.size} devices; make it a multiple."
         )
-    make = _ppo_step if config.method == "ppo" else _gradient_step
-    return make(config, optimiser, mesh)
 
 
 def _gradient_step(

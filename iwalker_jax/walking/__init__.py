@@ -45,6 +45,7 @@ from iwalker_jax.walking.rollout import (
 from iwalker_jax.walking.setup import (
     Disturbances,
     Sensors,
+    check_robots,
     default_walker,
     sample_conditions,
 )
@@ -69,6 +70,7 @@ __all__ = [
     "WalkRecord",
     "WalkState",
     "Walker",
+    "check_robots",
     "default_walker",
     "has_fallen",
     "load_dump",

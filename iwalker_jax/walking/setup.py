@@ -100,9 +100,7 @@ def sample_conditions(
     Raises:
         InputError: no robot, more than `MOST_ROBOTS`, or a bad seed.
     """
-    if not 1 <= count <= MOST_ROBOTS:
-        raise InputError(f"{count} robots were asked for; give 1 to {MOST_ROBOTS}.")
-    check_seed(seed, "the robots' conditions")
+    check_robots(count, seed)
     rows = [_draw(robot, disturbances, np.random.default_rng((seed, k)), step_time) for k in range(count)]
     friction, mass, force, start, delay, qpos, qvel = (np.stack(column) for column in zip(*rows))
     dtype = robot.home.dtype
@@ -118,6 +116,17 @@ def sample_conditions(
         key=jax.vmap(jax.random.fold_in, (None, 0))(jax.random.key(seed), jnp.arange(count)),
         images_lost=jnp.zeros(count, bool),
     )
+
+
+def check_robots(count: int, seed: int) -> None:
+    """Require a number of robots that a machine holds, and a seed of their draws.
+
+    Raises:
+        InputError: no robot, more than `MOST_ROBOTS`, or a bad seed.
+    """
+    if not 1 <= count <= MOST_ROBOTS:
+        raise InputError(f"{count} robots were asked for; give 1 to {MOST_ROBOTS}.")
+    check_seed(seed, "the robots' conditions")
 
 
 def _draw(robot: RobotModel, d: Disturbances, rng: np.random.Generator, step_time: float) -> tuple:

@@ -4,6 +4,7 @@ import numpy as np
 
 from bruce_model import crouch_qpos
 from iwalker_jax.geometry import Side
+from iwalker_jax.navigation.map_memory import MapCell
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.tasks.task import Task
@@ -67,8 +68,9 @@ def make_record(
         outcome[row, -3:] = ends
     shape = (90, 160) if images else (0, 0)
     depth = np.broadcast_to(np.linspace(0.0, 5.0, shape[0])[:, None], shape).astype(np.float16)
-    occupied = np.zeros((160, 160) if images else (0, 0), bool)
-    occupied[90:100, 60:100] = True
+    cells = np.full((160, 160) if images else (0, 0), MapCell.UNSEEN, np.int8)
+    cells[70:100, 40:110] = MapCell.FREE
+    cells[90:100, 60:100] = MapCell.OCCUPIED
     one = EpisodeRecord(
         time=time,
         outcome=outcome[0],
@@ -86,7 +88,7 @@ def make_record(
         torque_share=np.full(n, 0.5),
         qp_failures=np.zeros(n, int),
         depth=np.broadcast_to(depth, (n, *shape)),
-        occupied=np.broadcast_to(occupied, (n, *occupied.shape)),
+        cells=np.broadcast_to(cells, (n, *cells.shape)),
     )
     batch = EpisodeRecord(*(np.repeat(part[None], len(outcomes), axis=0) for part in one))
     # A finished episode repeats its last row.

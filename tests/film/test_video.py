@@ -18,7 +18,7 @@ import cv2  # noqa: E402
 import mujoco  # noqa: E402
 from PIL import Image  # noqa: E402
 
-from iwalker_jax.film.rendering import Overlays, VideoSettings, render_frames  # noqa: E402
+from iwalker_jax.film.rendering import Ending, Overlays, VideoSettings, render_frames  # noqa: E402
 from iwalker_jax.film.video import play_motion, write_frames, write_video  # noqa: E402
 from iwalker_jax.walking import TimedFootsteps  # noqa: E402
 
@@ -83,6 +83,33 @@ def test_opencv_reads_the_film(drawing, box, tmp_path, capfd, suffix, slow_motio
     assert len(frames) == count and frames[0].shape == (120, 160, 3)
     assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(10.0)
     assert capfd.readouterr().err == ""
+
+
+def test_the_last_instant_is_shown_and_says_how_it_ended(drawing, box):
+    """Oracle: the pinhole's place of the box at the end, which no whole number of frames leads to; a bar of colour."""
+    still = VideoSettings(camera="still", width=160, height=120, fps=10.0)
+    motion = sliding(box, seconds=0.95)
+    frames = [
+        image.copy() for image in render_frames(box, *motion, still, Overlays(ending=Ending("Fell", (200, 30, 40))))
+    ]
+    assert len(frames) == 10 + 15
+    focal = 60.0 / np.tan(np.radians(45.0) / 2)
+    moved = pixels(frames[-1], (1, 0, 1))[:, 1].mean() - pixels(frames[0], (1, 0, 1))[:, 1].mean()
+    assert moved == pytest.approx(0.38 * focal / 2.7, abs=1.0)
+    assert (np.median(frames[-1][:14].reshape(-1, 3), axis=0) == (200, 30, 40)).all()
+    assert not (frames[9][:14] == (200, 30, 40)).all(axis=2).any()
+
+
+def test_the_legend_names_what_is_drawn(drawing, box):
+    """Oracle: marks of each colour in the lower left corner, where nothing else is."""
+    qpos, times = sliding(box)
+    forces = np.zeros((len(times), 4, 3))
+    legend = Overlays(forces=forces, legend=True)
+    settings = VideoSettings(camera="still", width=640, height=480, fps=1.0)
+    shown, plain = (next(render_frames(box, qpos, times, settings, each)) for each in (legend, Overlays(forces=forces)))
+    corner = shown[400:, :60]
+    assert len(pixels(corner, (0.1, 0.65, 0.25))) > 50 and len(pixels(corner, (0.85, 0.1, 0.1))) == 0
+    np.testing.assert_array_equal(shown[:400], plain[:400])
 
 
 def test_pillow_reads_the_gif_and_its_time_is_real(drawing, box, tmp_path):

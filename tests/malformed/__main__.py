@@ -1,6 +1,7 @@
 """Try malformed inputs of all kinds: python -m tests.malformed [--count 3000] [--seed 0] [--only KIND]."""
 
 import argparse
+import resource
 import shutil
 import tempfile
 from collections import Counter
@@ -9,6 +10,9 @@ from pathlib import Path
 
 from tests.malformed.kinds import ENDINGS, Ending, try_case
 from tests.malformed.registry import FAMILIES, schedule
+
+MEMORY = 16 * 1024**3
+"""[bytes] of addresses that the command may take."""
 
 
 def run(count: int, seed: int, only: str | None = None) -> list[Ending]:
@@ -40,6 +44,8 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", help=f"a family ({', '.join(FAMILIES)}) or one of its kinds")
     options = parser.parse_args()
+    # A case that would take all of a machine's memory gets a MemoryError instead.
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     endings = run(options.count, options.seed, options.only)
     print(summary(endings))
     return int(any(each.ending != "sentence" for each in endings))

@@ -56,7 +56,7 @@ def time_limit() -> Any:
     """Raise HangError in a block that takes more than `SECONDS` of a processor, or waits for more than `WAIT`."""
 
     def stop(number: int, frame: FrameType | None) -> None:
-        raise HangError(f"not done after {SECONDS:g} s of a processor or {WAIT:g} s")
+        raise HangError(f"not done after {SECONDS:g} s of a processor or {WAIT:g} s, {_place(frame)}")
 
     before = {name: signal.signal(name, stop) for name in (signal.SIGPROF, signal.SIGALRM)}
     signal.setitimer(signal.ITIMER_PROF, SECONDS)
@@ -70,6 +70,13 @@ def time_limit() -> Any:
             signal.signal(name, handler)
 
 
+def _place(frame: FrameType | None) -> str:
+    """Where in the product the process is."""
+    while frame is not None and "iwalker_jax" not in frame.f_code.co_filename:
+        frame = frame.f_back
+    return "outside of the product" if frame is None else f"in {frame.f_code.co_filename}:{frame.f_lineno}"
+
+
 def try_case(name: str, kind: Kind, seed: int, number: int, folder: Path) -> Ending:
     """One case, in a folder that does not exist yet."""
     folder.mkdir(parents=True)
@@ -80,11 +87,9 @@ def try_case(name: str, kind: Kind, seed: int, number: int, folder: Path) -> End
     except HangError as error:
         return Ending(name, seed, number, "hang", str(error))
     except Exception as error:
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        text = " ".join(str(error).split())[:300]
-        return Ending(
-            name, seed, number, "traceback", f"{type(error).__name__}: {text} ({where.filename}:{where.lineno})"
-        )
+        where = traceback.extract_tb((error.__cause__ or error).__traceback__)[-1]
+        said = f"{type(error).__name__}: {' '.join(str(error).split())[:300]} ({where.filename}:{where.lineno})"
+        return Ending(name, seed, number, "traceback", said)
     seconds = time.process_time() - begin
     if seconds > SECONDS:
         return Ending(name, seed, number, "hang", f"took {seconds:.0f} s of a processor")

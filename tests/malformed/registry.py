@@ -1,16 +1,23 @@
 """All kinds by family, and which case comes when."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
-from tests.malformed import recordings
+from tests.malformed import command_options, recordings, saved_files
 from tests.malformed.kinds import Kind
 
 FAMILIES: dict[str, dict[str, Kind]] = {
     "recordings": recordings.KINDS,
+    "commands": command_options.KINDS,
+    "files": saved_files.KINDS,
 }
 
-WEIGHTS = {"recordings": 1}
+WEIGHTS = {"recordings": 1, "commands": 1, "files": 1}
 """Cases of a family in every round."""
+
+PREPARED: dict[str, Callable[[], object]] = {
+    "files": saved_files.prepare,
+}
+"""What a family makes before its first case, which a case's time is not to hold."""
 
 
 def schedule(count: int, only: str | None = None) -> Iterator[tuple[str, Kind, int]]:
@@ -25,6 +32,8 @@ def schedule(count: int, only: str | None = None) -> Iterator[tuple[str, Kind, i
     else:
         yield from _of_one_kind(count, only)
         return
+    for family in dict.fromkeys(turns):
+        PREPARED.get(family, object)()
     numbers = dict.fromkeys(FAMILIES, 0)
     for turn in range(count):
         family = turns[turn % len(turns)]
@@ -35,8 +44,9 @@ def schedule(count: int, only: str | None = None) -> Iterator[tuple[str, Kind, i
 
 
 def _of_one_kind(count: int, name: str) -> Iterator[tuple[str, Kind, int]]:
-    for kinds in FAMILIES.values():
+    for family, kinds in FAMILIES.items():
         if name in kinds:
+            PREPARED.get(family, object)()
             first = list(kinds).index(name)
             for turn in range(count):
                 yield name, kinds[name], first + turn * len(kinds)

@@ -62,11 +62,35 @@ def test_what_is_seen_to_be_free_again_is_forgotten():
     assert len(occupied_points(memory)) == 0
 
 
-def test_unseen_cells_stay_unknown_and_a_single_frame_of_noise_is_not_believed_for_long():
+def test_unseen_cells_stay_unknown_but_for_those_under_the_body():
     memory = update(PARAMETERS, empty_memory(PARAMETERS, jnp.zeros(2)), jnp.zeros(3), NOTHING, NOTHING)
     occupied, unknown = memory_cells(PARAMETERS, memory)
     elsewhere = np.linalg.norm(np.asarray(PARAMETERS.grid.centres()), axis=-1) > PARAMETERS.body_radius
     assert not occupied.any() and np.asarray(unknown)[elsewhere].all()
+
+
+def test_a_single_frame_of_noise_is_not_believed_once_the_next_shows_free_floor():
+    """Oracle: counting; a frame that adds 1.0 and one that takes off 0.7 leave less than 0.9, three and one do not."""
+    base, obstacle, gone = np.zeros(3), np.array([1.0, 0.0]), np.array([50.0, 50.0])
+    for frames, believed in ((1, False), (3, True)):
+        memory = empty_memory(PARAMETERS, jnp.zeros(2))
+        for _ in range(frames):
+            memory = update(PARAMETERS, memory, jnp.asarray(base), *frame(base, obstacle))
+        assert len(occupied_points(memory)) > 0
+        memory = update(PARAMETERS, memory, jnp.asarray(base), *frame(base, gone))
+        assert (len(occupied_points(memory)) > 0) == believed
+
+
+def test_a_single_frame_of_noise_that_is_not_looked_at_again_fades():
+    """Oracle: log(0.9) / log(1 - 0.001) = 105.3 frames until evidence of 1.0 falls below the threshold."""
+    base = np.zeros(3)
+    seen = frame(base, np.array([1.0, 0.0]))
+    memory = update(PARAMETERS, empty_memory(PARAMETERS, jnp.zeros(2)), jnp.asarray(base), *seen)
+    lasts = int(np.log(PARAMETERS.threshold) / np.log1p(-PARAMETERS.decay))
+    for _ in range(lasts):
+        memory = update(PARAMETERS, memory, jnp.asarray(base), NOTHING, NOTHING)
+    assert len(occupied_points(memory)) > 0
+    assert len(occupied_points(update(PARAMETERS, memory, jnp.asarray(base), NOTHING, NOTHING))) == 0
 
 
 def test_the_window_follows_the_robot_by_whole_cells():
@@ -83,15 +107,15 @@ def test_the_window_follows_the_robot_by_whole_cells():
 
 
 def test_what_stands_beside_the_robot_is_remembered_after_it_left_the_view():
-    """Oracle: posts of known place, brushed at 0.12 to 0.3 m, far nearer than the camera sees."""
+    """Oracle: posts of known place, passed with 0.09 to 0.27 m to spare; nothing nearer than 0.6 m is seen."""
     posts = np.array([[1.2, 0.17], [1.5, -0.3], [1.8, 0.35], [2.1, -0.22]])
     memory = empty_memory(PARAMETERS, jnp.zeros(2))
     for x in np.arange(0.0, 2.4, 0.02):
         base = np.array([x, 0.0, 0.0])
         seen = [frame(base, post, radius=0.08) for post in posts]
-        occupied = np.any([one for one, _ in seen], axis=0)
+        occupied = np.any([one for one, _ in seen], axis=0) & (CENTRES[..., 0] > 0.6)
         free = np.all([other for _, other in seen], axis=0) & (CENTRES[..., 0] > 0.6)
-        memory = update(PARAMETERS, memory, jnp.asarray(base), jnp.asarray(occupied & free.any()), jnp.asarray(free))
+        memory = update(PARAMETERS, memory, jnp.asarray(base), jnp.asarray(occupied), jnp.asarray(free))
     for _ in range(45):
         memory = update(PARAMETERS, memory, jnp.asarray([2.4, 0.0, 0.0]), NOTHING, NOTHING)
     points = occupied_points(memory)

@@ -28,7 +28,7 @@ POSTS = [
     [5.1, 0.0, 1.5, 0.1, 9.0, 1.5, 0.0],
 ]
 
-noisy = jax.jit(add_depth_noise, static_argnames=("noise", "intrinsics"))
+noisy = jax.jit(add_depth_noise, static_argnames=("noise", "intrinsics", "straight_through"))
 
 
 def _furnished_room(intrinsics: Intrinsics) -> np.ndarray:
@@ -147,3 +147,33 @@ def test_a_depth_image_of_another_size_is_refused():
 def test_noise_that_cannot_be_is_refused(bad):
     with pytest.raises(InputError):
         DepthNoise(**bad)
+
+
+def test_a_derivative_goes_straight_through_the_rounding_if_asked(x64):
+    """Oracle: central differences of the same noise in steps too fine to matter; bits of the rounded values.
+
+    Depths are 1 / disparity, so the two derivatives compare as those of the disparity.
+    """
+    small = Intrinsics(40, 30, 20.0, 20.0, 19.5, 14.5)
+    key, coarse = jax.random.key(2), dataclasses.replace(DepthNoise(), ghosts=0.0)
+    fine = dataclasses.replace(coarse, disparity_step=1e-9)
+    depth = jnp.asarray(np.linspace(1.0, 4.0, 30)[:, None] + 0.01 * np.arange(40)).at[3, 4].set(0.0)
+    values = noisy(key, depth, coarse, small)
+    np.testing.assert_array_equal(noisy(key, depth, coarse, small, straight_through=True), values)
+
+    def disparity(depth, noise, straight_through=True):
+        seen = noisy(key, depth, noise, small, straight_through=straight_through)
+        return jnp.where(seen > 0, 1.0 / jnp.where(seen > 0, seen, 1.0), 0.0)
+
+    ones, step = jnp.where(depth > 0, 1.0, 0.0), 1e-4
+    value, forward = jax.jvp(lambda d: disparity(d, coarse), (depth,), (ones,))
+    numeric = (disparity(depth + step * ones, fine) - disparity(depth - step * ones, fine)) / (2 * step)
+    kept = np.asarray((value > 0) & (disparity(depth, fine) > 0) & (jnp.abs(numeric) < 10.0))
+    assert kept.mean() > 0.5
+    np.testing.assert_allclose(forward[kept], numeric[kept], rtol=1e-3, atol=1e-5)
+    assert np.all(np.asarray(forward)[np.asarray(value) == 0] == 0)
+    # Each pixel's value feels its own depth alone, so a sum's gradient is the derivative along ones.
+    reverse = jax.grad(lambda d: jnp.sum(disparity(d, coarse)))(depth)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(jax.grad(lambda d: jnp.sum(disparity(d, coarse, False)))(depth), 0)
+    assert np.all(np.isfinite(jax.grad(lambda d: jnp.sum(disparity(d, QUIET)))(depth)))

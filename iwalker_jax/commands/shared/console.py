@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.runtime import ProcessGroup, exit_process, is_first, join_group, local_devices
 from iwalker_jax.runtime.files import first_line
+from iwalker_jax.runtime.reading import printable
 
 console = Console(highlight=False)
 
@@ -28,6 +29,10 @@ FAILURES = (InputError, CheckpointError, FloatingPointError, OSError, MemoryErro
 
 LARGEST_COUNT = 1_000_000
 """Of frames, episodes, seeds and the like; more would run for months."""
+
+
+LONGEST_SENTENCE = 1000
+"""Characters of an error, which may quote what somebody wrote."""
 
 
 class ShowProgress(Protocol):
@@ -80,7 +85,7 @@ def exit_with(error: Exception) -> NoReturn:
     """
     if isinstance(error, jax.errors.JaxRuntimeError) and "RESOURCE_EXHAUSTED" not in str(error):
         raise error
-    print(f"error: {_sentence(error)}", file=sys.stderr)
+    print(f"error: {printable(_sentence(error), LONGEST_SENTENCE)}", file=sys.stderr)
     exit_process(1)
 
 

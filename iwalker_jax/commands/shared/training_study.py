@@ -30,6 +30,7 @@ from iwalker_jax.evaluation.frames import (
     standard_sequences,
 )
 from iwalker_jax.planning import Planner, PlannerModels
+from iwalker_jax.runtime.files import require_writable
 from iwalker_jax.scenes import RouteMap
 from iwalker_jax.training import TrainConfig, TrainingData, make_planner, planner_from, train
 
@@ -93,6 +94,7 @@ def study_main(
     command = tyro.cli(StudyCommand, args=given, default=default, description=description)
     require_counts(command, seeds=1, epochs=1, frames=1, unseen_scenes=0)
     require_devices()
+    require_writable(command.out)
     config = TrainConfig(epochs=command.epochs)
     config = dataclasses.replace(config, source=dataclasses.replace(config.source, frames=command.frames))
     data = prepare_data(config)

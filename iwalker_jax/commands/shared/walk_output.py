@@ -10,7 +10,8 @@ import numpy as np
 from iwalker_jax.commands.shared.console import say
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks import WalkMetrics, save_trace_grid, save_walk_sheet, speed_error, summarise
-from iwalker_jax.film import Overlays, play_motion, write_video
+from iwalker_jax.film import Ending, Overlays, play_motion, write_video
+from iwalker_jax.navigation import Outcome
 from iwalker_jax.runtime import write_json, write_npz
 from iwalker_jax.walking import BatchResult, Conditions, Walk, WalkRecord
 
@@ -100,6 +101,7 @@ def film(
     record: WalkRecord,
     qpos: np.ndarray,
     pushes: np.ndarray,
+    fell: bool,
 ) -> None:
     """A walk as a video, if a file is given, and in the viewer, if asked for.
 
@@ -111,6 +113,9 @@ def film(
         say("The robot broke at once; there is nothing to film.")
         return
     overlays = Overlays(record.planned if len(record.planned.times) else None, record.forces[:end], pushes[:end])
+    outcome = Outcome.FELL if fell else Outcome.REACHED
+    words = f"{'Fell' if fell else 'On its feet at the end'}, {record.time[end - 1]:.1f} s"
+    overlays = overlays._replace(legend=True, ending=Ending(words, outcome.rgb))
     if file is not None:
         try:
             write_video(file, model, qpos[:end], record.time[:end], overlays=overlays)

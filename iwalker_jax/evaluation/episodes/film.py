@@ -1,6 +1,8 @@
 """Films of closed-loop episodes: the robot in its scene beside the depth image it sees and the map it plans on."""
 
 import dataclasses
+import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +14,17 @@ from jaxtyping import Float, Int, UInt8
 
 from bruce_model import load_mujoco
 from iwalker_jax.errors import InputError
-from iwalker_jax.evaluation.episodes.film_panels import PanelPlan, depth_panel, draw_text, map_panel
+from iwalker_jax.evaluation.episodes.film_panels import (
+    PAPER,
+    PanelPlan,
+    depth_panel,
+    draw_text,
+    legend_strip,
+    map_panel,
+)
 from iwalker_jax.evaluation.episodes.pictures import in_true_world
 from iwalker_jax.film import (
+    ENDING_SECONDS,
     VideoSettings,
     add_footsteps,
     add_goal,
@@ -34,7 +44,7 @@ from iwalker_jax.scenes.mjcf import obstacle_geoms
 from iwalker_jax.tasks import Task
 from iwalker_jax.walking import TimedFootsteps
 
-_STRIP = 36  # [px] height of the line of text
+_STRIP = 36  # [px] height of the line of text, and of the legend
 _WALL_COLOUR = (0.86, 0.84, 0.79, 1.0)
 _FURNITURE = ((0.55, 0.62, 0.70), (0.72, 0.60, 0.47), (0.60, 0.68, 0.58), (0.66, 0.58, 0.66), (0.74, 0.70, 0.55))
 _LOOK = (2.3, 22.0, -38.0)
@@ -68,7 +78,7 @@ class FilmSettings:
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) [px] of the film."""
-        return self.height * 4 // 3 + self.panel[0], self.height + _STRIP
+        return self.height * 4 // 3 + self.panel[0], self.height + 2 * _STRIP
 
     @property
     def panel(self) -> tuple[int, int]:
@@ -93,7 +103,7 @@ def write_film(file: Path, task: Task, episode: EpisodeRecord, settings: FilmSet
 def film_frames(
     task: Task, episode: EpisodeRecord, settings: FilmSettings = FilmSettings()
 ) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
-    """The frames of an episode's film, in RGB.
+    """The frames of an episode's film, in RGB; the last one says how it ended and is held for `ENDING_SECONDS`.
 
     Args:
         task: that was given.
@@ -103,7 +113,7 @@ def film_frames(
     Raises:
         InputError: an episode without images or motion, or nothing to draw with.
     """
-    if not (np.size(episode.depth) and np.size(episode.occupied)):
+    if not (np.size(episode.depth) and np.size(episode.cells)):
         raise InputError(f"The episode of {task.name} was recorded without images; keep them to film it.")
     model = film_model(task.scene, settings.cut)
     finite = np.isfinite(np.asarray(episode.qpos)).all(axis=1)
@@ -120,13 +130,17 @@ def film_frames(
     view = VideoSettings(width=settings.height * 4 // 3, height=settings.height, samples=settings.samples)
     data = mujoco.MjData(model)
     with open_renderer(model, view) as renderer:
-        for i in range(0, frames, settings.pace):
+        shown = [*range(0, frames - 1, settings.pace), frames - 1]
+        for i in shown:
             # A frame was seen where the robot stood at the end of the one before.
             set_configuration(model, data, qpos[max(i - 1, 0)])
             panels = _seen(data, task, episode, i, settings), _mapped(task, episode, i, seen_from[i], settings)
             set_configuration(model, data, qpos[i])
             robot = _robot_view(renderer, data, _camera(track[i], heading[i]), task, episode, i)
-            yield _composed(robot, panels, _caption(task, episode, i, speed[i], settings.pace))
+            last = _composed(robot, panels, _caption(task, episode, i, speed[i], settings.pace))
+            if i < frames - 1:
+                yield last
+    yield from itertools.repeat(_ending(last, task, episode), math.ceil(ENDING_SECONDS / period - 1e-3))
 
 
 def film_model(scene: Scene, cut: float) -> mujoco.MjModel:
@@ -213,7 +227,7 @@ def _mapped(
     """The map with the plan in it, from a pose near the believed one."""
     plan = _plan_from(pose, task, episode, i)
     middle = np.asarray(episode.believed[i])[:2]
-    return map_panel(np.asarray(episode.occupied[i]), middle, pose, plan, settings.panel)
+    return map_panel(np.asarray(episode.cells[i]), middle, pose, plan, settings.panel)
 
 
 def _plan_from(pose: Float[np.ndarray, " 3"], task: Task, episode: EpisodeRecord, i: int) -> PanelPlan:
@@ -228,10 +242,20 @@ def _composed(robot: np.ndarray, panels: tuple[np.ndarray, np.ndarray], caption:
     height, left = picture.shape[0], robot.shape[1]
     picture[:, left - 1 : left + 1] = 255
     picture[height // 2 - 1 : height // 2 + 1, left:] = 255
-    strip = np.full((_STRIP, picture.shape[1], 3), (250, 250, 248), np.uint8)
+    strip = np.full((_STRIP, picture.shape[1], 3), PAPER, np.uint8)
     draw_text(strip, caption[0], (12, 24), scale=0.55)
     draw_text(strip, caption[1], (left + 9, 24), scale=0.55)
-    return np.concatenate([strip, picture])
+    return np.concatenate([strip, picture, legend_strip(picture.shape[1], _STRIP)])
+
+
+def _ending(picture: np.ndarray, task: Task, episode: EpisodeRecord) -> UInt8[np.ndarray, "height width 3"]:
+    """The last frame with how the episode ended in place of the caption, in the outcome's colour."""
+    outcome = Outcome(int(episode.outcome[-1]))
+    strip = np.full((_STRIP, picture.shape[1], 3), outcome.rgb, np.uint8)
+    words = f"{outcome.word.upper()}    {task.name}    {float(episode.time[-1]):.1f} s    {outcome.sentence}"
+    bright = np.dot(outcome.rgb, (0.299, 0.587, 0.114)) > 150
+    draw_text(strip, words, (12, 24), (20, 20, 24) if bright else (255, 255, 255), scale=0.55)
+    return np.concatenate([strip, picture[_STRIP:]])
 
 
 def _caption(task: Task, episode: EpisodeRecord, i: int, speed: float, pace: int) -> tuple[str, str]:

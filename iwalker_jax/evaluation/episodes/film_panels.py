@@ -5,22 +5,27 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Float, Int, Int8, UInt8
 
 from iwalker_jax.evaluation.projection import floor_pixels
 from iwalker_jax.geometry import Side
-from iwalker_jax.navigation import MapMemoryParameters
+from iwalker_jax.navigation import MapCell, MapMemoryParameters
 from iwalker_jax.perception import Intrinsics
 
 Image = UInt8[np.ndarray, "height width 3"]
 
 _RED, _ORANGE, _BLUE, _MAGENTA = (217, 38, 38), (240, 120, 20), (31, 119, 180), (214, 0, 190)
-_INK, _GRID, _FREE, _WALL = (45, 45, 50), (224, 223, 217), (246, 245, 241), (93, 97, 107)
+_INK, _GRID = (45, 45, 50), (208, 210, 206)
+CELL_COLOURS = {MapCell.UNSEEN: (186, 190, 197), MapCell.FREE: (250, 249, 245), MapCell.OCCUPIED: (93, 97, 107)}
+"""RGB of the map's cells."""
+
 _FEET = {Side.RIGHT: _ORANGE, Side.LEFT: _BLUE}
 _NO_RETURN = (38, 38, 42)
 _FAR = 6.0  # [m] at the end of the depth's colours
 _NEAR = 0.15  # [m] in front of the camera where lines are cut off
 _REAR = 0.5  # [m] shown behind the robot
+_LEGEND_SIZE = (1200, 32)  # [px] at which the legend is laid out
+PAPER = (250, 250, 248)
 _FRACTION = 4  # bits of OpenCV's sub-pixel coordinates
 
 
@@ -77,7 +82,7 @@ def depth_panel(
 
 
 def map_panel(
-    occupied: Bool[np.ndarray, "rows columns"],
+    cells: Int8[np.ndarray, "rows columns"],
     middle: Float[np.ndarray, " 2"],
     pose: Float[np.ndarray, " 3"],
     plan: PanelPlan,
@@ -87,7 +92,7 @@ def map_panel(
     """The robot's map from above, forward up, with path, footsteps and where the goal lies.
 
     Args:
-        occupied: cells of the map's window, whose axes are the world's; however many were recorded.
+        cells: `MapCell`s of the map's window, whose axes are the world's; however many were recorded.
         middle: [m] where the robot was when the window moved last.
         pose: (x [m], y [m], yaw [rad]) from where the map is seen.
         plan: to draw, in the base frame of that pose.
@@ -95,10 +100,9 @@ def map_panel(
         memory: of the window.
     """
     width, height = size
-    side, cells = memory.cells * memory.resolution, len(occupied)
-    resolution = side / cells
+    side, count = memory.cells * memory.resolution, len(cells)
+    resolution = side / count
     scale = width / side
-    image = np.full((height, width, 3), _FREE, np.uint8)
 
     def pixels(points: np.ndarray) -> np.ndarray:
         return np.stack([(side / 2 - points[:, 1]) * scale, height - (points[:, 0] + _REAR) * scale], axis=1)
@@ -107,21 +111,60 @@ def map_panel(
     left = (side / 2 - (np.arange(width) + 0.5) / scale)[None]
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     place = np.stack([pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left])
-    lowest = np.round(middle / resolution).astype(int) - cells // 2
+    lowest = np.round(middle / resolution).astype(int) - count // 2
     cell = np.floor(place / resolution).astype(int) - lowest[:, None, None]
-    inside = ((cell >= 0) & (cell < cells)).all(axis=0)
+    inside = ((cell >= 0) & (cell < count)).all(axis=0)
+    row, column = np.clip(cell, 0, count - 1)
+    palette = np.array([CELL_COLOURS[kind] for kind in MapCell], np.uint8)
+    image = palette[np.where(inside, cells[row, column], MapCell.UNSEEN)]
     origin = pixels(np.zeros((1, 2)))[0]
     for metres in range(1, 6):
         cv2.circle(image, _fixed(origin), round(metres * scale * 2**_FRACTION), _GRID, 1, cv2.LINE_AA, _FRACTION)
-    row, column = np.clip(cell, 0, cells - 1)
-    image[inside & occupied[row, column]] = _WALL
     _polyline(image, pixels(plan.path), _RED, 2)
     for place, foot in zip(pixels(plan.footsteps), plan.sides, strict=True):
         cv2.circle(image, _fixed(place), 3 * 2**_FRACTION, _FEET[Side(foot)], -1, cv2.LINE_AA, _FRACTION)
-    triangle = origin + np.array([[0, -11], [7, 7], [0, 3], [-7, 7]])
-    cv2.fillPoly(image, [np.round(triangle * 2**_FRACTION).astype(np.int32)], _INK, cv2.LINE_AA, _FRACTION)
+    _robot(image, origin)
     _goal(image, origin, pixels(plan.goal[None])[0])
     return _labelled(image, "map and plan")
+
+
+def legend_strip(width: int, height: int) -> Image:
+    """What the colours and signs of the panels mean, in one line as wide as the film."""
+    entries: list[tuple[str, Sequence[int], str]] = [
+        ("robot", _INK, "robot"),
+        ("line", _RED, "planned path"),
+        ("dot", _FEET[Side.RIGHT], "right footsteps"),
+        ("dot", _FEET[Side.LEFT], "left footsteps"),
+        ("star", _MAGENTA, "goal"),
+        ("cell", CELL_COLOURS[MapCell.UNSEEN], "unseen"),
+        ("cell", CELL_COLOURS[MapCell.FREE], "seen free"),
+        ("cell", CELL_COLOURS[MapCell.OCCUPIED], "obstacle"),
+    ]
+    wide, tall = _LEGEND_SIZE
+    strip = np.full((tall, wide, 3), PAPER, np.uint8)
+    sizes = [cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.46, 1)[0][0] for *_, text in entries]
+    gap = (wide - 24 - sum(sizes) - 30 * len(entries)) / (len(entries) - 1)
+    left = 12.0
+    for (sign, colour, text), size in zip(entries, sizes, strict=True):
+        _sign(strip, sign, np.array([left + 11.0, tall / 2]), colour)
+        draw_text(strip, text, (round(left) + 30, tall // 2 + 5), scale=0.46)
+        left += 30 + size + gap
+    return cv2.resize(strip, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def _sign(image: Image, sign: str, centre: np.ndarray, colour: Sequence[int]) -> None:
+    if sign == "line":
+        _polyline(image, centre + np.array([[-11.0, 0.0], [11.0, 0.0]]), colour, 3)
+    elif sign == "dot":
+        cv2.circle(image, _fixed(centre), 5 * 2**_FRACTION, tuple(colour), -1, cv2.LINE_AA, _FRACTION)
+    elif sign == "star":
+        _star(image, centre)
+    elif sign == "robot":
+        _robot(image, centre)
+    else:
+        low, high = (np.round(centre + shift).astype(int).tolist() for shift in ((-10, -7), (10, 7)))
+        cv2.rectangle(image, low, high, tuple(colour), -1)
+        cv2.rectangle(image, low, high, _INK, 1)
 
 
 def draw_text(
@@ -157,6 +200,11 @@ def _goal(image: Image, origin: np.ndarray, goal: np.ndarray) -> None:
     across = np.array([-along[1], along[0]])
     head = np.stack([tip + 7 * along, tip - 8 * along + 8 * across, tip - 8 * along - 8 * across])
     cv2.fillPoly(image, [np.round(head * 2**_FRACTION).astype(np.int32)], _MAGENTA, cv2.LINE_AA, _FRACTION)
+
+
+def _robot(image: Image, place: np.ndarray) -> None:
+    triangle = place + np.array([[0, -11], [7, 7], [0, 3], [-7, 7]])
+    cv2.fillPoly(image, [np.round(triangle * 2**_FRACTION).astype(np.int32)], _INK, cv2.LINE_AA, _FRACTION)
 
 
 def _star(image: Image, centre: np.ndarray) -> None:

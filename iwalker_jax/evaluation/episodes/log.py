@@ -9,7 +9,7 @@ from typing import NamedTuple
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes.metrics import EpisodeMetrics
 from iwalker_jax.navigation import Outcome
-from iwalker_jax.runtime.files import line_checksum, read_csv_lines
+from iwalker_jax.runtime.files import line_checksum, read_csv_lines, read_whole
 
 
 class EpisodeKey(NamedTuple):
@@ -109,5 +109,5 @@ def load_episodes(file: Path) -> dict[EpisodeKey, EpisodeMetrics]:
 
 def _whole_lines(file: Path) -> bytes:
     """The file up to its last line's end."""
-    content = file.read_bytes()
+    content = read_whole(file)
     return content[: content.rfind(b"\n") + 1]

@@ -23,7 +23,7 @@ def save_traces(file: Path, record: EpisodeRecord) -> None:
     """Write what pictures from above need of a batch of episodes; of plans and postures only the last."""
     small = record._replace(
         **{name: getattr(record, name)[:, -1:] for name in ("qpos", "path", "footsteps")},
-        **{name: getattr(record, name)[:, :0] for name in ("depth", "occupied")},
+        **{name: getattr(record, name)[:, :0] for name in ("depth", "cells")},
     )
     write_npz(file, small._asdict())
 

@@ -10,7 +10,7 @@ import numpy as np
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.tables import CHECKSUM_TITLE, Column, Table
 from iwalker_jax.evaluation.walks.metrics import WalkMetrics, speed_error
-from iwalker_jax.runtime.files import line_checksum, read_csv_lines
+from iwalker_jax.runtime.files import line_checksum, read_csv_lines, read_whole
 
 
 class WalkLabels(NamedTuple):
@@ -102,7 +102,7 @@ def load_walk_table(file: Path) -> Table:
     """
     if not file.exists():
         return EMPTY_WALK_TABLE
-    header, *lines = read_csv_lines(file.read_bytes()) or [[]]
+    header, *lines = read_csv_lines(read_whole(file)) or [[]]
     try:
         if header != [*EMPTY_WALK_TABLE.header(), CHECKSUM_TITLE]:
             raise ValueError

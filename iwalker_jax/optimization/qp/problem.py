@@ -95,7 +95,10 @@ def load_program(path: str | Path) -> QuadraticProgram:
         raise InputError(
             f"{path} cannot be read as a quadratic program; give an .npz file with P, q, C, low and high."
         ) from error
-    names, counts = arrays.get("block_names", ()), arrays.get("block_rows", ())
+    names, counts = np.ravel(arrays.get("block_names", ())), np.ravel(arrays.get("block_rows", ()))
+    numbers = all(array.dtype.kind in "fiu" for array in fields.values())
+    if not numbers or (len(counts) and counts.dtype.kind not in "iu"):
+        raise InputError(f"{path} holds no real numbers where they are due; give P, q, C, low and high as numbers.")
     blocks = tuple((str(name), int(count)) for name, count in zip(names, counts))
     values = (jnp.asarray(value) for value in fields.values())
     return replace(QuadraticProgram(*values), blocks=blocks)  # type: ignore[arg-type]

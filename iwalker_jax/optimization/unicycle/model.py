@@ -13,6 +13,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from iwalker_jax.checks import require_plain_numbers
 from iwalker_jax.errors import InputError
 
 
@@ -48,6 +49,7 @@ class UnicycleParameters:
     position_floor: float = 1e-3
 
     def __post_init__(self) -> None:
+        require_plain_numbers(self)
         for name in ("position_weight", "turn_weight", "acceleration_weight", "dt", "tolerance", "position_floor"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
@@ -56,8 +58,11 @@ class UnicycleParameters:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise InputError(f"UnicycleParameters.{name} must be positive and finite or None, got {value}.")
-        if self.max_iterations < 1:
-            raise InputError(f"UnicycleParameters.max_iterations must be at least 1, got {self.max_iterations}.")
+        if not (1 <= self.max_iterations <= 100_000 and 1 <= self.unrolled_iterations <= 10_000):
+            raise InputError(
+                f"UnicycleParameters.max_iterations and unrolled_iterations are {self.max_iterations} and "
+                f"{self.unrolled_iterations}; give 1 to 100000 and 1 to 10000."
+            )
 
     @classmethod
     def published(cls) -> "UnicycleParameters":
