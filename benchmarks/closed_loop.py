@@ -51,7 +51,6 @@ from iwalker_jax.navigation.guide import (  # noqa: E402
 from iwalker_jax.navigation.map_memory import memory_cells, update_memory, window_origin  # noqa: E402
 from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
 from iwalker_jax.perception import (  # noqa: E402
-    Intrinsics,
     best_routes,
     clean_depth,
     free_and_occupied,
@@ -60,7 +59,6 @@ from iwalker_jax.perception import (  # noqa: E402
 )
 from iwalker_jax.planning import (  # noqa: E402
     Planner,
-    PlannerConfig,
     SplitModule,
     split_module,
 )
@@ -74,7 +72,7 @@ from iwalker_jax.scenes.depth_noise import DepthNoise  # noqa: E402
 from iwalker_jax.scenes.ray_casting import render_depth  # noqa: E402
 from iwalker_jax.tasks.generated import generated_tasks  # noqa: E402
 from iwalker_jax.tasks.task import Task, TaskArrays, stack_tasks  # noqa: E402
-from iwalker_jax.training import paper_preset  # noqa: E402
+from iwalker_jax.training import paper_preset, small_paper_preset  # noqa: E402
 from iwalker_jax.walking import Conditions, Disturbances, sample_conditions, sense_and_control, walk_tick  # noqa: E402
 
 REPEATS = 9
@@ -226,12 +224,11 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
     def step(split: SplitModule[Planner], path: jax.Array) -> jax.Array:
         return plan_steps(navigator.pursuit, split.merge().istepper, path, path[-1], stance, jnp.zeros(2))[0].positions
 
-    published = paper_preset().planner.ipath
-    large = dataclasses.replace(published, camera=Intrinsics(640, 360, 320.0, 320.0, 319.5, 179.5))
+    small, published = small_paper_preset().planner, paper_preset().planner
     rates = {
         "iPath (default)": ipath_rate(planner),
-        "iPath (paper, 90 x 160)": ipath_rate(Planner(PlannerConfig(ipath=published), nnx.Rngs(0))),
-        "iPath (paper, 360 x 640)": ipath_rate(Planner(PlannerConfig(ipath=large), nnx.Rngs(0))),
+        "iPath (paper, 90 x 160)": ipath_rate(Planner(small, nnx.Rngs(0))),
+        "iPath (paper, 360 x 640)": ipath_rate(Planner(published, nnx.Rngs(0))),
         "iStepper and course": rate(step, navigator.planner, path),
         "rigid-body terms and control": rate(jax.jit(control), walk.physics.qpos, walk.physics.qvel),
     }

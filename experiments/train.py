@@ -1,4 +1,4 @@
-"""Train iPath and iStepper end to end: python -m experiments.train [--preset quick|default|paper] [--data FOLDER]."""
+"""Train iPath and iStepper end to end: python -m experiments.train [--preset NAME] [--data FOLDER]."""
 
 from iwalker_jax.commands.launch import train
 

@@ -1,4 +1,4 @@
-"""Train iPath and iStepper end to end: python -m experiments.train [--preset quick|default|paper] [--data FOLDER]."""
+"""Train iPath and iStepper end to end: python -m experiments.train [--preset NAME] [--data FOLDER]."""
 
 import dataclasses
 import sys
@@ -55,7 +55,7 @@ class Command:
         config: the training configuration.
     """
 
-    preset: Literal["default", "quick", "paper"] = "default"
+    preset: Literal["default", "quick", "paper", "paper-small"] = "default"
     data: Path | None = None
     out: Path = Path("runs/default")
     fresh: bool = False

@@ -50,6 +50,12 @@ class IPathConfig:
     even: bool = True
     equivariant: bool = True
 
+    @classmethod
+    def published(cls) -> "IPathConfig":
+        """The paper's network at 360 x 640 (90 degrees wide), whose last waypoint is the goal."""
+        camera = Intrinsics(width=640, height=360, fx=320.0, fy=320.0, cx=319.5, cy=179.5)
+        return cls("paper", trunk_width=64, camera=camera, goal_is_end=True, even=False, equivariant=False)
+
     def __post_init__(self) -> None:
         require_plain_numbers(self)
         if self.variant not in ("light", "paper"):

@@ -45,6 +45,19 @@ class PlannerConfig:
     hlip: HlipParameters = HlipParameters()
     step_weights: StepMpcWeights = StepMpcWeights()
 
+    @property
+    def tracking_pendulum(self) -> HlipParameters:
+        """Pendulum of the step MPC on the predicted footsteps: `hlip`, unless no weight holds its COM.
+
+        The footsteps are then the same for every pendulum. A slow one keeps the COM, which runs away by the pole's
+        power of the number of steps, within single precision.
+        """
+        return self.hlip if self.step_weights.hold_com else _SLOW_PENDULUM
+
+
+_SLOW_PENDULUM = HlipParameters(com_height=10.0, single_support_time=0.01)
+"""Its pole is 1.01 a step; 3.8 of BRUCE's, to the power of 150, is no number of single precision."""
+
 
 class Plan(NamedTuple):
     """What the planner says; without the batch axis for a single frame.

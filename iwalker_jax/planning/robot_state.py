@@ -11,6 +11,9 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import Side, side_sign
 from iwalker_jax.optimization import HlipParameters, pendulum_flow
 
+MOST_FOOTSTEPS = 200
+"""Planned at a time."""
+
 
 @dataclass(frozen=True)
 class StepGeometry:
@@ -31,8 +34,13 @@ class StepGeometry:
             raise InputError(
                 f"Step length must lie in (0, 0.20] m and width in [0.03, 0.20] m, got {self.length} and {self.width}."
             )
-        if not 1 <= self.count <= 50:
-            raise InputError("The step count must lie in 1..50.")
+        if not 1 <= self.count <= MOST_FOOTSTEPS:
+            raise InputError(f"The step count must lie in 1..{MOST_FOOTSTEPS}.")
+
+    @classmethod
+    def published(cls) -> "StepGeometry":
+        """The paper's 150 footsteps of 1 cm; it names no width between the feet."""
+        return cls(length=0.01, count=150)
 
 
 class RobotState(NamedTuple):

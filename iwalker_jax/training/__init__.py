@@ -1,7 +1,7 @@
 """Training a planner: configuration, maps, losses, the train step and loop, checkpoints and the shipped planner."""
 
 from iwalker_jax.training.checkpoints import CheckpointStore, load_run
-from iwalker_jax.training.config import PRESETS, TrainConfig, paper_preset, quick_preset
+from iwalker_jax.training.config import PRESETS, TrainConfig, paper_preset, quick_preset, small_paper_preset
 from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.loop import TrainingProgress, TrainResult, batch_mesh, train
 from iwalker_jax.training.losses import LossWeights, path_losses, step_losses
@@ -49,6 +49,7 @@ __all__ = [
     "quick_preset",
     "read_metrics",
     "save_planner",
+    "small_paper_preset",
     "step_losses",
     "train",
     "whole_body_losses",

@@ -183,7 +183,7 @@ def step_losses(
         gradient: how the step MPC is differentiated.
     """
     planes = pre_impact_planes(state, planner.hlip)
-    solution = solve_step_mpc(footsteps, planes, planner.hlip, planner.step_weights, gradient)
+    solution = solve_step_mpc(footsteps, planes, planner.tracking_pendulum, planner.step_weights, gradient)
     tracking = jnp.mean(jnp.sum((footsteps - solution.value.footsteps) ** 2, axis=-1))
 
     geometry = planner.steps

@@ -58,24 +58,36 @@ def make_planner(config: TrainConfig) -> Planner:
 
 
 def make_optimiser(config: TrainConfig, total_steps: int) -> optax.GradientTransformationExtraArgs:
-    """Adam with gradient clipping, linear warm-up and cosine decay; `update` takes a known global `norm`."""
-    updates = total_steps * config.updates_per_step
-    schedule = optax.warmup_cosine_decay_schedule(
-        0.1 * config.learning_rate,
-        config.learning_rate,
-        min(100, max(1, updates // 10)),
-        max(2, updates),  # the schedule needs a step after its warm-up, even in a run of one
-        config.final_learning_rate * config.learning_rate,
-    )
+    """Adam with gradient clipping, linear warm-up and cosine decay; `update` takes a known global `norm`.
+
+    Without warm-up, decay and clipping it is plain Adam.
+    """
+    adam = optax.adam(_learning_rate(config, total_steps * config.updates_per_step))
+    if config.clip is None:
+        return optax.chain(adam)
+    largest = config.clip
 
     def clipped(gradient: Any, state: Any, params: Any = None, *, norm: Array | None = None, **_: Any) -> Any:
         # One factor for all, fused into Adam; optax's own clipping writes a second, divided gradient first.
         norm = optax.global_norm(gradient) if norm is None else norm
-        scale = jnp.where(norm < config.clip, 1.0, config.clip / norm)
+        scale = jnp.where(norm < largest, 1.0, largest / norm)
         return jax.tree.map(lambda leaf: scale * leaf, gradient), state
 
     clip = optax.GradientTransformationExtraArgs(lambda params: optax.EmptyState(), clipped)
-    return optax.chain(clip, optax.adam(schedule))
+    return optax.chain(clip, adam)
+
+
+def _learning_rate(config: TrainConfig, updates: int) -> optax.Schedule:
+    """Learning rate by update."""
+    if config.warm_up == 0:
+        return optax.cosine_decay_schedule(config.learning_rate, max(1, updates), config.final_learning_rate)
+    return optax.warmup_cosine_decay_schedule(
+        0.1 * config.learning_rate,
+        config.learning_rate,
+        min(config.warm_up, max(1, updates // 10)),
+        max(2, updates),  # the schedule needs a step after its warm-up, even in a run of one
+        config.final_learning_rate * config.learning_rate,
+    )
 
 
 def initial_state(config: TrainConfig, optimiser: optax.GradientTransformation) -> TrainState:

@@ -29,7 +29,7 @@ def _count(config: IPathConfig) -> int:
 
 def test_paper_network_has_the_published_number_of_parameters():
     """Oracle: 53.3 M parameters at 360 x 640, 33.6 M of them in the first fully connected layer."""
-    config = IPathConfig(variant="paper", trunk_width=64, camera=Intrinsics(640, 360, 320.0, 320.0, 319.5, 179.5))
+    config = IPathConfig.published()
     assert _count(config) == pytest.approx(53.3e6, rel=2e-3)
     network = nnx.eval_shape(lambda: IPath(config, nnx.Rngs(0)))
     assert np.prod(network.head.dense1.kernel.shape) == pytest.approx(33.6e6, rel=2e-3)

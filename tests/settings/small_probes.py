@@ -111,7 +111,9 @@ PROBES = {
     ),
     IPathConfig: Probe(waypoints, dataclasses.replace(LIGHT, even=False), changes={"variant": "paper"}),
     IStepperConfig: Probe(
-        lambda c: IStepper(c, StepGeometry(), nnx.Rngs(0))(PATH[None], one_row(STATE)), IStepperConfig(hidden=8)
+        lambda c: IStepper(c, StepGeometry(), nnx.Rngs(0))(PATH[None], one_row(STATE)),
+        IStepperConfig(hidden=8),
+        changes={"second_hidden": 5},
     ),
     StepGeometry: Probe(lambda c: nominal_footsteps(PATH, jnp.ones(()), c), StepGeometry()),
 }

@@ -92,6 +92,13 @@ def descended(config: TrainConfig) -> Any:
     return updates
 
 
+def begun(config: TrainConfig) -> Any:
+    """The first update of the optimiser."""
+    params = {"a": jnp.ones(3)}
+    optimiser = make_optimiser(config, 40)
+    return optimiser.update(params, optimiser.init(params), params)[0]
+
+
 def checkpointed(config: TrainConfig) -> Any:
     """Steps whose checkpoints are left by a run of eight steps that does nothing, and the steps at which it saved."""
     saved: list[int] = []
@@ -244,6 +251,7 @@ PROBES = {
             traced=False,
             only=("batch_size", "epochs", "learning_rate", "final_learning_rate", "clip"),
         ),
+        Probe(begun, TINY, changes={"warm_up": 0}, traced=False, only=("warm_up",)),
         Probe(
             lambda c: gather_batch(data(), jnp.arange(2), jax.random.key(0), c.mirror, c.planner),
             TINY,

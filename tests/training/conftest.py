@@ -41,7 +41,7 @@ def small_data(small_frames):
     return prepare(small_frames, SMALL.models.traversal, batch=8)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def config_with(small_config):
     """Copy of the small configuration with changes."""
     return lambda **changes: dataclasses.replace(small_config, **changes)

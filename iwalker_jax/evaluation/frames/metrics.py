@@ -94,7 +94,7 @@ def plan_metrics(
     segments = safe_norm(jnp.diff(knots, axis=0))
     stability = 1000.0 * jnp.var(segments / jnp.maximum(jnp.mean(segments), 1e-6))
     planes = pre_impact_planes(state, planner.hlip)
-    steps = solve_step_mpc(footsteps, planes, planner.hlip, planner.step_weights, "stopped")
+    steps = solve_step_mpc(footsteps, planes, planner.tracking_pendulum, planner.step_weights, "stopped")
     return PlanMetrics(feasibility, collision, collision_published, stability, steps.value.cost), tracked
 
 

@@ -59,6 +59,12 @@ class StepMpcWeights:
         """The paper's weights, which leave the COM free to run away; for comparison only."""
         return cls(footstep=100.0, effort=3.0, orbit_position=0.0, orbit_velocity=0.0, terminal=0.0)
 
+    @property
+    def hold_com(self) -> bool:
+        """Whether any weight lies on the COM; traced ones count as present."""
+        weights = (self.orbit_position, self.orbit_velocity, self.terminal)
+        return not all(isinstance(weight, (int, float)) and weight == 0 for weight in weights)
+
 
 class StepPlan(NamedTuple):
     """Outcome of the step MPC over N steps, in the frame of the wanted footsteps.
