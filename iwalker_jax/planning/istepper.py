@@ -70,7 +70,7 @@ class IStepper(nnx.Module):
     def _one(self, path: Float[Array, "n 2"], state: RobotState) -> Float[Array, "m 2"]:
         if not self.config.robot_state:
             view = _view(state.stance_sign)
-            return self._layers((self._ahead(path) * view).reshape(-1)).reshape(-1, 2) * view
+            return self._layers((self._ahead(path, arc_length(path)) * view).reshape(-1)).reshape(-1, 2) * view
         footsteps, tangents = nominal_footsteps(path, state.stance_sign, self.geometry)
         correction = jnp.tanh(self._layers(self._features(path, state))).reshape(-1, 2) * self.config.correction
         outward = state.stance_sign * jnp.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
@@ -85,10 +85,10 @@ class IStepper(nnx.Module):
         """[m] of the path that the network sees: as far as its footsteps go."""
         return self.geometry.length * self.geometry.count
 
-    def _ahead(self, path: Float[Array, "n 2"]) -> Float[Array, "points 2"]:
+    def _ahead(self, path: Float[Array, "n 2"], lengths: Float[Array, " n"]) -> Float[Array, "points 2"]:
         """[m] points of the path, evenly spaced by arc length; beyond its end they stay there."""
         along = jnp.linspace(0.0, self._reach, self.config.path_points, dtype=path.dtype)
-        return interpolate_along(arc_length(path), path, along)
+        return interpolate_along(lengths, path, along)
 
     def _features(self, path: Float[Array, "n 2"], state: RobotState) -> Float[Array, " features"]:
         """Path ahead [m] and the state, each scaled to order one; lateral values from the stance foot's view.
@@ -96,11 +96,13 @@ class IStepper(nnx.Module):
         Multiplying every lateral quantity by the stance side makes left and right stance one problem: the network is
         exactly mirror-equivariant.
         """
+        lengths = arc_length(path)
+        ahead = self._ahead(path, lengths)
         view = _view(state.stance_sign)
         return jnp.concatenate(
             [
-                (self._ahead(path) * view).reshape(-1),
-                jnp.minimum(arc_length(path)[-1:], self._reach),
+                (ahead * view).reshape(-1),
+                jnp.minimum(lengths[-1:], self._reach),
                 state.com_from_stance * view * 10.0,
                 state.com_velocity * view * 3.0,
                 state.time_in_step[None] * 4.0,
