@@ -15,7 +15,7 @@ _FAR = 1e6
 
 
 class _Solids(NamedTuple):
-    """What a ray may hit besides the floor, the rows to look at first.
+    """What a ray may hit besides the floor; the rows that are looked at come first.
 
     Attributes:
         boxes, cylinders: rows as in `Scene`.

@@ -105,7 +105,7 @@ def train(
         if not resume:
             store.delete_after(-1)
         content = data_content(data)
-        state = starting_state(store, config, optimiser, data, content, resume, start_from, say)
+        state = starting_state(store, config, optimiser, frames, content, resume, start_from, say)
         first = int(state.step)
         if 0 < first < total:
             say(f"Resuming at step {first} of {total}.")

@@ -15,7 +15,6 @@ from iwalker_jax.runtime.processes import broadcast, is_first
 from iwalker_jax.training.checkpoints import Checkpoint, CheckpointStore
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.config_dict import config_to_dict
-from iwalker_jax.training.maps import TrainingData
 from iwalker_jax.training.train_step import TrainState, initial_state, with_planner
 
 _FREE = ("checkpoint_every", "keep_checkpoints")
@@ -26,7 +25,7 @@ def starting_state(
     store: CheckpointStore,
     config: TrainConfig,
     optimiser: optax.GradientTransformationExtraArgs,
-    data: TrainingData,
+    frames: int,
     content: Mapping[str, str],
     resume: bool,
     start_from: Planner | None,
@@ -38,7 +37,7 @@ def starting_state(
         CheckpointError: if the checkpoints cannot be read, or belong to another training.
         InputError: if this process has other data than process 0.
     """
-    state = _restored(store, config, data, content, say) if resume and is_first() else None
+    state = _restored(store, config, frames, content, say) if resume and is_first() else None
     if state is None:
         state = initial_state(config, optimiser)
         if start_from is not None:
@@ -56,14 +55,14 @@ def starting_state(
 def _restored(
     store: CheckpointStore,
     config: TrainConfig,
-    data: TrainingData,
+    frames: int,
     content: Mapping[str, str],
     say: Callable[[str], None],
 ) -> TrainState | None:
     found = store.restore_latest(on_damage=say)
     if found is None:
         return None
-    differing = differences(found, config, data.depth.shape[0], content)
+    differing = differences(found, config, frames, content)
     if differing:
         raise CheckpointError(
             f"{store.folder} holds a run with another configuration or data set: {'; '.join(differing)}. Use what it "
