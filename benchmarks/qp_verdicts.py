@@ -8,20 +8,22 @@ valid where there are none, and answers that do not claim anything.
 import argparse
 import sys
 
+from benchmarks.extras import require
 from iwalker_jax.runtime.settings import configure_runtime
 
 if __name__ == "__main__":
     configure_runtime()
+require("clarabel", "scipy")
 
-import clarabel
-import jax
-import jax.numpy as jnp
-import numpy as np
-import scipy.sparse as sparse
-from scipy.optimize import linprog
+import clarabel  # noqa: E402
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+import scipy.sparse as sparse  # noqa: E402
+from scipy.optimize import linprog  # noqa: E402
 
-from benchmarks.problems.ugly_qps import UglyQp, ugly_qps
-from iwalker_jax.optimization import QuadraticProgram, Status, solve_qp
+from benchmarks.problems.ugly_qps import UglyQp, ugly_qps  # noqa: E402
+from iwalker_jax.optimization import QuadraticProgram, Status, solve_qp  # noqa: E402
 
 _COUNTS = ("wrong", "false infeasible", "false other", "false derivative", "no claim")
 _WRONG = 1e-2  # of the cost's own terms, or of a row's

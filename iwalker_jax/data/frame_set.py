@@ -149,7 +149,8 @@ def load_frames(file: Path) -> FrameSet:
     try:
         data = read_npz(file)
     except InputError as error:
-        raise InputError(f"{error}; {advice}.") from error
+        missing = str(error).startswith("No such file")
+        raise InputError(f"{error}; {advice.removeprefix('delete it and ') if missing else advice}.") from error
     try:
         return FrameSet(
             **{name: data[name] for name in _ARRAYS},

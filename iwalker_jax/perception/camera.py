@@ -33,7 +33,7 @@ class Intrinsics:
         if self.width < 2 or self.height < 2:
             raise InputError(f"Image size must be at least 2 x 2 px, got {self.width} x {self.height}.")
         if not all(math.isfinite(v) for v in values) or not (0 < self.fx <= 1e6 and 0 < self.fy <= 1e6):
-            raise InputError(f"Focal lengths must lie in (0, 1e6] px and be finite, got fx={self.fx}, fy={self.fy}.")
+            raise InputError(f"Focal lengths must be positive and at most 1e6 px, got fx={self.fx}, fy={self.fy}.")
         if not (-self.width < self.cx < 2 * self.width and -self.height < self.cy < 2 * self.height):
             raise InputError(
                 f"The principal point ({self.cx}, {self.cy}) px lies far outside the {self.width} x {self.height} "

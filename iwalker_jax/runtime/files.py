@@ -111,6 +111,8 @@ def read_whole(file: Path) -> bytes:
     try:
         return read_bytes(file, MOST_SAVED)
     except InputError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise InputError(f"No such file: {printable(file, 300)}") from error
         raise InputError(f"{printable(file, 300)} cannot be read: it {str(error).rstrip('.')}") from error
 
 

@@ -26,8 +26,8 @@ def read_bytes(file: Path, most: int) -> bytes:
             with file.open("rb") as stream:
                 # As much memory is taken as is asked for; some files of the system say that they are empty.
                 content = stream.read(min(most, max(status.st_size, MOST_TEXT)) + 1)
-    except FileNotFoundError:
-        raise InputError("is missing.") from None
+    except FileNotFoundError as error:
+        raise InputError("is missing.") from error
     except ValueError:
         raise InputError("is no file's name.") from None
     except OSError as error:

@@ -69,7 +69,6 @@ class TrainConfig:
     def __post_init__(self) -> None:
         if self.method not in typing.get_args(Method):
             raise InputError(f"Unknown method {self.method!r}; choose one of {', '.join(typing.get_args(Method))}.")
-        require_plain_numbers(self)
         if min(self.batch_size, self.epochs, self.checkpoint_every, self.keep_checkpoints) < 1:
             raise InputError("batch_size, epochs, checkpoint_every and keep_checkpoints must be at least 1.")
         if self.batch_size > MOST_ROWS:
@@ -79,6 +78,7 @@ class TrainConfig:
             raise InputError("The learning rate must be positive, final_learning_rate a share, warm_up not negative.")
         if self.clip is not None and not self.clip > 0:
             raise InputError("The largest gradient norm must be positive, or None for no clipping.")
+        require_plain_numbers(self)
         if self.weights.uses_whole_body and not self.planner.step_weights.hold_com:
             raise InputError(
                 "The whole-body losses ask what stepping feedback makes of a footstep, and step weights that leave the "

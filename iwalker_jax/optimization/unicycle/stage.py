@@ -277,8 +277,8 @@ def best_controls(
     )
     if parameters.speed_bound is not None and parameters.acceleration_bound is not None:
         # Where both bounds meet, either may be the one that holds.
-        nearest = jnp.abs(jnp.abs(stage.v + jnp.sign(target) * stage.dt * gain) - parameters.speed_bound)
-        corner = nearest / (stage.dt * gain)
+        towards = jnp.where(ka >= box[3], stage.v, -stage.v)
+        corner = jnp.abs((parameters.speed_bound - towards) / stage.dt - gain) / gain
         margin = jnp.where(a_held, jnp.minimum(margin, corner), margin)
     return ControlChange(kw, ka, rides), StageInverse(Iww, Iwa, Iaa, curvature, lax.stop_gradient(margin))
 
