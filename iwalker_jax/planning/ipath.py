@@ -64,7 +64,9 @@ class IPathConfig:
         if height < 64 or width < 96:
             raise InputError(f"iPath needs depth images of at least 64 x 96 px, got {height} x {width}.")
         if not (2 <= self.waypoints <= 100 and 4 <= self.trunk_width <= 4096 and 1 <= self.hidden <= 65_536):
-            raise InputError("iPath needs 2 to 100 waypoints, at least 4 trunk channels (4096 at most), 1 to 65536 hidden units.")
+            raise InputError(
+                "iPath needs 2 to 100 waypoints, at least 4 trunk channels (4096 at most), 1 to 65536 hidden units."
+            )
         if not (0 < self.goal_reach <= 1000 and 0 < self.nearest_depth <= 100):
             raise InputError("iPath needs a goal reach in (0, 1000] m and a nearest depth in (0, 100] m.")
         if self.goal_is_end and self.even:
