@@ -63,8 +63,9 @@ def _stopped_after_parsing(module: str, arguments: tuple[str, ...]) -> Iterator[
         patch.setattr(sys, "argv", [module, *arguments])
         patch.setattr(argparse.ArgumentParser, "parse_args", parse_and_stop(parse_args))
         patch.setattr(tyro, "cli", parse_and_stop(cli))
-        for place in (settings, runtime):
+        # The faces first: they look their names up when asked, and would keep what stands in for them.
+        for place in (runtime, settings):
             patch.setattr(place, "configure_runtime", lambda *devices: None)
-        for place in (headless, film):
+        for place in (film, headless):
             patch.setattr(place, "configure_rendering", lambda: None, raising=False)
         yield
