@@ -11,6 +11,7 @@ import numpy as np
 from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks import WalkMetrics, robot_rows, walk_metrics, walk_record
+from iwalker_jax.optimization import QpMethod
 from iwalker_jax.walking import (
     BatchResult,
     Conditions,
@@ -59,6 +60,7 @@ def walk(
     engine: Engine = "mjx",
     disturbances: Disturbances = Disturbances(),
     gait: GaitParameters | None = None,
+    solver: QpMethod = "active_set",
     seed: int = 0,
     devices: int | None = None,
     on_progress: Callable[[float, int], None] | None = None,
@@ -72,6 +74,7 @@ def walk(
         engine: MJX, which is compiled for many robots, or C MuJoCo, which steps one after the other.
         disturbances: from which friction, mass, start and pushes are drawn.
         gait: of the controller.
+        solver: of its whole-body QPs.
         seed: of conditions and sensors.
         devices: number of devices, all by default.
         on_progress: hears of the simulated time [s] and of the robots still up; MJX only.
@@ -79,7 +82,7 @@ def walk(
     Raises:
         InputError: for options out of range, a bad file, or footsteps out of reach.
     """
-    walker, model = default_walker(sensors, gait)
+    walker, model = default_walker(sensors, gait, solver)
     gait = walker.controller.gait
     commanded = make_walk(Motion(motion) if isinstance(motion, str) else motion, model, gait)
     conditions = sample_conditions(walker.robot, disturbances, robots, seed, float(gait.hlip.step_time))

@@ -100,7 +100,7 @@ def walk_motion(command: Command) -> None:
         raise InputError("There is no screen for MuJoCo's viewer (DISPLAY is not set); leave --view out.")
     motion = options.motion.motion()
     check_robots(options.robots, shared.seed)
-    walker, model = default_walker(shared.sensors or "none")
+    walker, model = default_walker(shared.sensors or "none", solver=options.solver)
     gait = walker.controller.gait
     walk = make_walk(motion, model, gait)
     disturbances = dataclasses.replace(shared.disturbances, push_after=halfway(walk, gait))

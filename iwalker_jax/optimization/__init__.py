@@ -1,6 +1,7 @@
 """The lower-level optimisations and their derivatives; knows no robot, no network and no sensor."""
 
 from iwalker_jax.optimization.qp import (
+    QpMethod,
     QpPoint,
     QpSettings,
     QuadraticProgram,
@@ -39,6 +40,7 @@ from iwalker_jax.optimization.unicycle import (
 __all__ = [
     "GradientMode",
     "HlipParameters",
+    "QpMethod",
     "QpPoint",
     "QpSettings",
     "QuadraticProgram",

@@ -12,6 +12,7 @@ from bruce_model import load_mujoco
 from iwalker_jax.control import GaitParameters, make_controller
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import SensorNoise
+from iwalker_jax.optimization import QpMethod, control_settings
 from iwalker_jax.robot import LEG_COUNT, LEG_POSITIONS, RobotModel, load_leg_kinematics, load_robot
 from iwalker_jax.streams import check_seed
 from iwalker_jax.walking.rollout import MAX_DELAY, Conditions, Walker
@@ -26,18 +27,27 @@ MOST_ROBOTS = 65_536
 """Of a batch."""
 
 
-def default_walker(sensors: Sensors = "none", gait: GaitParameters | None = None) -> tuple[Walker, mujoco.MjModel]:
+def default_walker(
+    sensors: Sensors = "none", gait: GaitParameters | None = None, solver: QpMethod = "active_set"
+) -> tuple[Walker, mujoco.MjModel]:
     """BRUCE with its controller, and the same robot for the C engine.
 
     Args:
         sensors: `none` feeds the true state back; otherwise the estimator walks on simulated sensors.
+        gait: of the controller.
+        solver: of its whole-body QPs.
     """
     noises = {"none": None, "nominal": SensorNoise.nominal(), "harsh": SensorNoise.harsh()}
     if sensors not in noises:
         raise InputError(f"Unknown sensors {sensors!r}; choose one of {', '.join(noises)}.")
     model = load_mujoco()
     robot = load_robot(model)
-    return Walker(robot, make_controller(robot, gait), load_leg_kinematics(model), noises[sensors]), model
+    return Walker(
+        robot,
+        make_controller(robot, gait, solver=control_settings(solver)),
+        load_leg_kinematics(model),
+        noises[sensors],
+    ), model
 
 
 @dataclass(frozen=True)

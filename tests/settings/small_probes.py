@@ -91,7 +91,7 @@ PROBES = {
     QpSettings: Probe(
         lambda c: solve_qp(box_program(), None, c, "implicit").value,
         QpSettings(),
-        changes={"pivots": 3, "tolerance": 1e-3},
+        changes={"method": "admm", "pivots": 3, "tolerance": 1e-3},
         followed=False,
     ),
     Intrinsics: Probe(lambda c: backproject(depth_image(c), c, MOUNT), SMALL),

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.optimization import QpMethod
 from iwalker_jax.scenes.imported.mesh_frame import Up
 from iwalker_jax.scenes.imported.voxel_boxes import Bounds
 from iwalker_jax.tasks import TASK_NAMES
@@ -95,6 +96,7 @@ class WalkOptions:
         robots: number of robots, each with friction, mass and start of its own; in scenes many walk with
             experiments.evaluate.
         engine: of the physics: MJX for batches, or C MuJoCo.
+        solver: of the controller's whole-body QPs.
         view: play the first robot's walk in MuJoCo's viewer.
         devices: number of devices, all by default; on a CPU that many are made of its cores.
     """
@@ -102,6 +104,7 @@ class WalkOptions:
     motion: Annotated[MotionOptions, tyro.conf.arg(name="")] = MotionOptions()
     robots: int = 1
     engine: Literal["mjx", "mujoco"] = "mjx"
+    solver: QpMethod = "active_set"
     view: bool = False
     devices: int | None = None
 

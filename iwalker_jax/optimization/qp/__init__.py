@@ -1,10 +1,11 @@
 """Dense convex quadratic programs: problem, solver, derivatives."""
 
 from iwalker_jax.optimization.qp.problem import QuadraticProgram, load_program, quadratic_program
-from iwalker_jax.optimization.qp.settings import QpSettings, control_settings
+from iwalker_jax.optimization.qp.settings import QpMethod, QpSettings, control_settings
 from iwalker_jax.optimization.qp.solver import QpPoint, cold_start, explain, solve_qp
 
 __all__ = [
+    "QpMethod",
     "QpPoint",
     "QpSettings",
     "QuadraticProgram",

@@ -16,6 +16,10 @@ from jaxtyping import Array, Float
 from iwalker_jax.optimization.qp.factor import apply, largest
 
 STIFF = 1000.0  # penalty of an equality over that of an inequality
+_PENALTIES = {
+    4: (1e-3, 1e3),
+    8: (1e-6, 1e6),
+}  # least and largest, by the bytes of a number: beyond, inverting loses all
 
 
 class Splitting(NamedTuple):
@@ -78,4 +82,4 @@ def admm(
     moved, _ = iterate(state, None)
     dual = largest(rho * (moved.z - state.z)) / jnp.maximum(largest(moved.y), tiny)
     ratio = jnp.sqrt(jnp.maximum(primal, tiny) / jnp.maximum(dual, tiny))
-    return state, penalty * jnp.clip(ratio, 0.1, 10)
+    return state, jnp.clip(penalty * jnp.clip(ratio, 0.1, 10), *_PENALTIES[dtype.itemsize])

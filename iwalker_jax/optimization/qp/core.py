@@ -48,6 +48,7 @@ from iwalker_jax.optimization.qp.verdicts import (
     assess,
     keep_better,
     nearly_feasible,
+    optimality_residual,
     rate,
 )
 from iwalker_jax.optimization.solution import Status
@@ -64,6 +65,7 @@ class _State(NamedTuple):
     elastic: Array
     penalty: Array
     best: QpIterate
+    values: Array  # scaled constraint values, within the bounds: ADMM's copy
     ray: Array  # multipliers of a contradiction, if a search met one
     infeasible: Array  # proven
     done: Array
@@ -129,17 +131,19 @@ def solve_core(
         jnp.zeros(batch, bool),
         jnp.full(batch, settings.penalty, dtype),
         start,
+        jnp.clip(apply(C, x) * factor.lengths, low, high),
         jnp.zeros_like(y),
         jnp.zeros(batch, bool),
         jnp.zeros(batch, bool),
         jnp.asarray(0, jnp.int32),
     )
+    run_round = _run_round if settings.method == "active_set" else _run_admm_round
     if settings.rounds == 1:
-        state = _run_round(program, settings, state)
+        state = run_round(program, settings, state)
     else:
         state = jax.lax.while_loop(
             lambda s: jnp.any(~s.done) & (s.rounds < settings.rounds),
-            lambda s: _run_round(program, settings, s),
+            lambda s: run_round(program, settings, s),
             state,
         )
     best = state.best
@@ -207,10 +211,63 @@ def _run_round(program: ScaledProgram, settings: QpSettings, state: _State) -> _
         blocked,
         penalty,
         best,
+        state.values,
         ray,
         infeasible,
         done,
         state.rounds + 1,
+    )
+
+
+def _run_admm_round(program: ScaledProgram, settings: QpSettings, state: _State) -> _State:
+    """ADMM's iterations, the point that they point to (OSQP's polish), and the verdict on the better of the two."""
+    bounds, tolerance = program.bounds, settings.tolerance_for(program.q.dtype)
+    subproblem = _subproblem(program, state)
+    split, penalty = _split(program, settings, subproblem, Splitting(state.values, state.y), state.penalty)
+    y = admissible_multipliers(bounds, split.y)
+    x = -apply_transposed(program.factor.root, subproblem.shift + apply(program.factor.rows, y))
+    touching = (split.z >= bounds.high) | (split.z <= bounds.low)
+    pointed = state._replace(priority=_priorities(program, jnp.where(touching, y, 0)))
+    found = _search(program, settings, pointed, subproblem)
+    found, polished_x, polished_y = _refined(program, settings, pointed, subproblem, found)
+    assessment = assess(program, found, polished_x, polished_y, tolerance, settings.well_posed)
+    polished = rate(program, found, polished_x, assessment, tolerance, settings.well_posed)
+    rough = optimality_residual(program, x, y, tolerance, settings.well_posed)
+    never = jnp.zeros(state.done.shape, bool)
+    iterate = QpIterate(
+        x,
+        y,
+        jnp.sign(y).astype(jnp.int32),
+        jnp.where(rough.residual <= tolerance, Status.CONVERGED, Status.MAX_ITERATIONS).astype(jnp.int32),
+        rough.residual,
+        never,
+        jnp.zeros_like(rough.residual),
+        jnp.asarray(settings.admm_iterations, jnp.int32),
+    )
+    better = (polished.residual <= rough.residual) & jnp.all(jnp.isfinite(polished_x), axis=0)
+    iterate = keep_better(polished._replace(pivots=jnp.asarray(0, jnp.int32)), iterate, better)
+
+    def failing() -> tuple[Array, Array]:
+        infeasible = proves_infeasible(program, cancelling(program, found, y - state.y), x)
+        unbounded = proves_unbounded(program, found, x - state.centre)
+        return infeasible, unbounded & nearly_feasible(program, rough, x, tolerance)
+
+    lost = ~state.done & (iterate.residual > tolerance)
+    infeasible, unbounded = jax.lax.cond(jnp.any(lost), failing, lambda: (never, never))
+    infeasible, unbounded = state.infeasible | (lost & infeasible), lost & unbounded
+    status = jnp.where(unbounded, Status.UNBOUNDED, iterate.status).astype(jnp.int32)
+    iterate = iterate._replace(status=status)
+    improved = ~state.done & ((iterate.residual < state.best.residual) | unbounded) & jnp.all(jnp.isfinite(x), axis=0)
+    finite = jnp.all(jnp.isfinite(x), axis=0) & jnp.all(jnp.isfinite(split.z + split.y), axis=0)
+    return state._replace(
+        centre=jnp.where(finite, x, state.centre),
+        y=jnp.where(finite, split.y, 0),
+        values=jnp.where(finite, split.z, state.values),
+        penalty=penalty,
+        best=keep_better(iterate, state.best, improved),
+        infeasible=infeasible,
+        done=state.done | ~lost | infeasible | unbounded,
+        rounds=state.rounds + 1,
     )
 
 
@@ -318,6 +375,23 @@ def _refined(
     return carry.found, carry.x, carry.y
 
 
+def _split(
+    program: ScaledProgram, settings: QpSettings, subproblem: _Subproblem, start: Splitting, penalty: Float[Array, "*b"]
+) -> tuple[Splitting, Float[Array, "*b"]]:
+    """One round of ADMM, and the penalty of the next."""
+    bounds = program.bounds
+    return admm(
+        program.factor.gram,
+        subproblem.unconstrained,
+        bounds.low,
+        bounds.high,
+        start,
+        penalty,
+        settings.relaxation,
+        settings.admm_iterations,
+    )
+
+
 def _next_guess(
     program: ScaledProgram,
     settings: QpSettings,
@@ -332,16 +406,7 @@ def _next_guess(
 
     def explore(_: None) -> tuple[Array, Array]:
         begin = Splitting(jnp.where(jnp.isfinite(values), values, 0), iterate.y)
-        split, penalty = admm(
-            program.factor.gram,
-            subproblem.unconstrained,
-            bounds.low,
-            bounds.high,
-            begin,
-            state.penalty,
-            settings.relaxation,
-            settings.admm_iterations,
-        )
+        split, penalty = _split(program, settings, subproblem, begin, state.penalty)
         return admissible_multipliers(bounds, split.y), penalty
 
     guess, penalty = jax.lax.cond(jnp.any(lost), explore, lambda _: (iterate.y, state.penalty), None)

@@ -126,7 +126,8 @@ def optimality_residual(
     miss = jnp.maximum(violation, complementarity)
     if well_posed:
         residual = jnp.maximum(largest(stationarity), largest(miss)) / scale
-        return Assessment(y, values, jnp.where(jnp.isfinite(residual), residual, jnp.inf), scale)
+        residual = jnp.where(jnp.isfinite(residual) & jnp.isfinite(scale), residual, jnp.inf)
+        return Assessment(y, values, residual, scale)
 
     metric = relative(largest(stationarity), energy)
     rounding, size, nothing = noise(x.dtype), jnp.abs(x), speck(x.dtype) * jnp.maximum(energy, free)

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from benchmarks.problems.hard_qps import hard_qps
 from iwalker_jax.optimization import QpSettings, QuadraticProgram, Status, solve_qp
@@ -21,17 +22,20 @@ def case(name: str, seed: int = 0) -> list[jax.Array]:
     return [jnp.asarray(getattr(hard_qps(seed)[name], field)) for field in FIELDS]
 
 
-def test_implicit_gradients(x64):
+@pytest.mark.parametrize("method", ["active_set", "admm"])
+def test_implicit_gradients(x64, method):
     """Oracle: central differences, forward and reverse, for P, q, C, low and high, through vmap.
 
     The bounds of an equality move together, by their middle; those of an inequality also apart.
     """
-    names = ("benign", "equalities", "semidefinite", "one-sided")
+    names, settings = ("benign", "equalities", "semidefinite", "one-sided"), QpSettings(method, tolerance=1e-12)
     P, q, C, low, high = (jnp.stack(arrays) for arrays in zip(*(case(name) for name in names)))
-    solution = jax.jit(jax.vmap(solve_qp))(QuadraticProgram(P, q, C, low, high))
+    solution = jax.jit(jax.vmap(lambda program: solve_qp(program, None, settings)))(
+        QuadraticProgram(P, q, C, low, high)
+    )
     assert np.all(solution.status == Status.CONVERGED) and np.all(solution.gradient_valid)
     apart, both = (high > low) & jnp.isfinite(low), jnp.isfinite(low)
-    solve = jax.vmap(lambda *a: point("implicit", QpSettings(tolerance=1e-12), *a))
+    solve = jax.vmap(lambda *a: point("implicit", settings, *a))
 
     def batch(P, q, C, middle, half):
         half = jnp.where(apart, half, 0)

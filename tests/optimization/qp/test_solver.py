@@ -71,6 +71,18 @@ def test_hard_programs_in_single_precision(seed):
     assert missed <= 2
 
 
+@pytest.mark.parametrize(("dtype", "tolerance"), [("float32", 3e-3), ("float64", 1e-5)])
+def test_hard_programs_by_admm(x64, dtype, tolerance):
+    """Oracle: Clarabel. ADMM may fail where the active set does not, and then says so."""
+    missed = 0
+    for case in hard_qps(0).values():
+        case = case._replace(**{k: np.asarray(getattr(case, k), dtype) for k in ("P", "q", "C", "low", "high")})
+        solution = jax.device_get(solve(program(case, dtype), settings=QpSettings("admm")))
+        assert_truthful(case, solution, tolerance)
+        missed += case.outcome == "solved" and int(solution.status) != Status.CONVERGED
+    assert missed <= 4
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_hard_programs_in_double_precision(x64, seed):
     for name, case in hard_qps(seed).items():
@@ -163,7 +175,11 @@ def test_batches_of_any_size_and_shape(x64, n, m):
     assert np.any(np.asarray(solution.value.sides) != 0)
 
 
-@pytest.mark.parametrize("settings", [QpSettings(well_posed=True), control_settings()], ids=["default", "control"])
+@pytest.mark.parametrize(
+    "settings",
+    [QpSettings(well_posed=True), control_settings(), control_settings("admm")],
+    ids=["default", "control", "admm"],
+)
 def test_whole_body_torques(settings):
     """Oracle: Clarabel. Warm-started along a walk with pushes, torques are within 1 % and constraints within 1e-3."""
     walk = whole_body_qps(120, seed=5)
