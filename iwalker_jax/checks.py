@@ -1,36 +1,65 @@
 """What configuration dataclasses check and are made of."""
 
 from dataclasses import fields
-from typing import Any
+from types import UnionType
+from typing import Any, Union, get_args, get_origin
+
+import numpy as np
 
 from iwalker_jax.errors import InputError
 
 Scalar = Any
 """A Python float, or a traced () array when derivatives with respect to it are wanted."""
 
+LARGEST_NUMBER = 1e9
+"""Size of any setting; a larger one is a slip, or overflows further on."""
+
+_WHOLE = (int, np.integer)
+_NUMBERS = (*_WHOLE, float, np.floating)
+_NO_NUMBERS = (str, bytes, complex, list, tuple, dict)
+
 
 def require_range(record: Any, name: str, low: float, high: float, unit: str) -> None:
     """Raise InputError unless the plain number `record.name` lies in [low, high]; arrays and tracers pass."""
     value = getattr(record, name)
-    if isinstance(value, (int, float)) and not low <= value <= high:
-        raise InputError(f"{type(record).__name__}.{name} is {value} {unit}; give {low:g} to {high:g} {unit}.")
-
-
-LARGEST_NUMBER = 1e9
-"""Size of any setting; a larger one is a slip, or overflows further on."""
+    outside = isinstance(value, _NUMBERS) and not low <= value <= high
+    if outside or isinstance(value, _NO_NUMBERS):
+        raise InputError(f"{type(record).__name__}.{name} is {_shown(value)} {unit}; give {low:g} to {high:g} {unit}.")
 
 
 def require_plain_numbers(record: Any) -> None:
-    """Raise InputError unless all plain numbers of a record, seeds apart, are finite and not absurdly large."""
+    """Raise InputError unless all of a record that shall be numbers, seeds apart, are some: whole ones where only these
+    make sense, finite, and not absurdly large; arrays and tracers pass.
+    """
     for field in fields(record):
         value = getattr(record, field.name)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or field.name == "seed":
+        kinds = get_args(field.type) if get_origin(field.type) in (Union, UnionType) else (field.type,)
+        left_out = value is None and type(None) in kinds
+        if left_out or field.name == "seed" or not (int in kinds or float in kinds):
             continue
+        if hasattr(value, "dtype") and not isinstance(value, np.generic):
+            continue
+        name, whole = f"{type(record).__name__}.{field.name}", float not in kinds
+        if not isinstance(value, _WHOLE if whole else _NUMBERS):
+            raise InputError(f"{name} is {_shown(value)}; give a {'whole ' if whole else ''}number.")
         if not -LARGEST_NUMBER <= value <= LARGEST_NUMBER:
-            name = f"{type(record).__name__}.{field.name}"
-            raise InputError(f"{name} is {value!s:.24}; give a number of at most {LARGEST_NUMBER:g} in size.")
+            raise InputError(f"{name} is {_shown(value):.24}; give a number of at most {LARGEST_NUMBER:g} in size.")
+
+
+def require_whole(value: Any, what: str) -> None:
+    """Raise InputError unless a value is a whole number."""
+    if not isinstance(value, _WHOLE):
+        raise InputError(f"{what} is {_shown(value)}; give a whole number.")
 
 
 def field_values(record: Any) -> tuple[Any, ...]:
     """Values of a dataclass's fields in their order."""
     return tuple(getattr(record, field.name) for field in fields(record))
+
+
+def _shown(value: Any) -> str:
+    """A value in a sentence."""
+    try:
+        return str(value) if isinstance(value, _NUMBERS) else f"{value!r:.60}"
+    except ValueError:  # more digits than Python writes
+        return "a number of thousands of digits"

@@ -41,8 +41,8 @@ def check_seed(seed: int, what: str) -> None:
     Raises:
         InputError: unless it lies from 0 to 2^31 - 1, which every integer type holds.
     """
-    if not 0 <= seed < SEED_END:
-        raise InputError(f"The seed of {what} is {seed}; give a whole number from 0 to {SEED_END - 1}.")
+    if not isinstance(seed, (int, np.integer)) or not 0 <= seed < SEED_END:
+        raise InputError(f"The seed of {what} is {seed!s:.40}; give a whole number from 0 to {SEED_END - 1}.")
 
 
 @dataclass(frozen=True)

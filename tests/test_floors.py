@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS = (
     ("errors", "constants", "lazy_names", "promotion", "version"),
-    ("checks", "streams", "runtime", "geometry"),
+    ("arrays", "checks", "streams", "runtime", "geometry"),
     ("optimization", "bruce_model"),
     ("perception", "robot"),
     ("planning", "scenes", "control", "estimation"),

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from iwalker_jax.api.planner import load_with_config
+from iwalker_jax.checks import require_whole
+from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.episodes import EpisodeMetrics, episode_metrics, judged, row_of
 from iwalker_jax.navigation import EpisodeProgram, EpisodeRecord, Faults, Outcome, make_navigator
 from iwalker_jax.tasks.named import named_task
@@ -73,7 +75,12 @@ def run_episodes(
             or options out of range.
         CheckpointError: if the run's networks cannot be read.
     """
+    require_whole(width, "The number of episodes at a time")
     several = (tasks,) if isinstance(tasks, (str, Task)) else tasks
+    if not isinstance(several, Sequence) or not all(isinstance(task, (str, Task)) for task in several):
+        raise InputError("The tasks are none; give names, or a Task each.")
+    if faults is not None and not (isinstance(faults, Sequence) and all(isinstance(each, Faults) for each in faults)):
+        raise InputError("The faults are none; give Faults, one a task, or leave them out.")
     chosen = tuple(named_task(task, seed) if isinstance(task, str) else task for task in several)
     for task in several:
         if not isinstance(task, str):

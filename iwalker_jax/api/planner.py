@@ -1,7 +1,9 @@
 """The networks of a training run, or those that ship with the package."""
 
+from os import PathLike
 from pathlib import Path
 
+from iwalker_jax.errors import InputError
 from iwalker_jax.planning import Planner
 from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.config import TrainConfig
@@ -17,6 +19,7 @@ def load_planner(run: str | Path | None = None) -> Planner:
 
     Raises:
         CheckpointError: if it cannot be read.
+        InputError: for what names no folder.
     """
     return load_with_config(run)[0]
 
@@ -25,5 +28,7 @@ def load_with_config(run: str | Path | None = None) -> tuple[Planner, TrainConfi
     """`load_planner` with the configuration that the networks were trained with."""
     if run is None:
         return load_planner_file()
+    if not isinstance(run, (str, PathLike)):
+        raise InputError(f"The run is {run!r:.40}; give the folder of a training run.")
     state, config = load_run(Path(run))
     return planner_from(config, state.params), config

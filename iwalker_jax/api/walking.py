@@ -82,9 +82,13 @@ def walk(
     Raises:
         InputError: for options out of range, a bad file, or footsteps out of reach.
     """
+    _check_engine(engine)
     walker, model = default_walker(sensors, gait, solver)
     gait = walker.controller.gait
-    commanded = make_walk(Motion(motion) if isinstance(motion, str) else motion, model, gait)
+    motion = Motion(motion) if isinstance(motion, str) else motion
+    if not isinstance(motion, Motion):
+        raise InputError(f"The motion is {motion!r:.40}; give a Motion, or the name of its kind.")
+    commanded = make_walk(motion, model, gait)
     conditions = sample_conditions(walker.robot, disturbances, robots, seed, float(gait.hlip.step_time))
     batch = simulate_walk(walker, model, commanded, conditions, engine, devices, on_progress)
     records, metrics = measure_walk(walker, commanded, conditions, batch)
@@ -113,8 +117,7 @@ def simulate_walk(
     Raises:
         InputError: for another engine.
     """
-    if engine not in get_args(Engine):
-        raise InputError(f"Unknown engine {engine!r}; choose {' or '.join(get_args(Engine))}.")
+    _check_engine(engine)
     if engine == "mjx":
         program = WalkProgram(walker, len(conditions.friction), commanded.plan.yaws.shape[-1], devices, every=_EVERY)
         return program.run(conditions, commanded.plan, commanded.seconds, on_progress)
@@ -122,6 +125,11 @@ def simulate_walk(
     samples = round(commanded.seconds / (walker.controller.time_step * _EVERY))
     sample = roll_out_mujoco(walker, model, conditions, commanded.plan, samples, _EVERY)
     return BatchResult(jax.tree.map(np.asarray, sample), time.perf_counter() - began, 0.0, ())
+
+
+def _check_engine(engine: str) -> None:
+    if engine not in get_args(Engine):
+        raise InputError(f"Unknown engine {engine!r}; choose {' or '.join(get_args(Engine))}.")
 
 
 def measure_walk(

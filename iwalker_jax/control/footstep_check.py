@@ -9,6 +9,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import Side, host, side_of_step, side_sign
 from iwalker_jax.optimization import StepReach
 from iwalker_jax.runtime import read_text
+from iwalker_jax.runtime.reading import printable
 
 _LARGEST_TURN = 0.6  # rad between successive feet; the hip yaws by half of it either way
 
@@ -67,34 +68,36 @@ def load_footsteps(file: Path) -> tuple[np.ndarray, np.ndarray, Side]:
     Raises:
         InputError: with the line that is wrong.
     """
+    name = printable(file, 300)
     try:
         text = read_text(Path(file))
     except InputError as error:
-        raise InputError(f"The footstep file {file} cannot be read: it {error}") from None
+        raise InputError(f"The footstep file {name} cannot be read: it {error}") from None
     rows: list[tuple[Side, float, float, float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        rows.append(_parse(file, number, line))
+        rows.append(_parse(name, number, line))
         if len(rows) > 1 and rows[-1][0] == rows[-2][0]:
             raise InputError(
-                f"{file}, line {number}: the {rows[-1][0].name.lower()} foot steps twice; alternate the sides."
+                f"{name}, line {number}: the {rows[-1][0].name.lower()} foot steps twice; alternate the sides."
             )
     if len(rows) < 2:
-        raise InputError(f"{file} holds {len(rows)} footsteps; give at least two, so that the walk can end standing.")
+        raise InputError(f"{name} holds {len(rows)} footsteps; give at least two, so that the walk can end standing.")
     table = np.asarray([row[1:] for row in rows])
     return table[:, :2], np.radians(table[:, 2]), rows[0][0]
 
 
-def _parse(file: Path, number: int, line: str) -> tuple[Side, float, float, float]:
+def _parse(name: str, number: int, line: str) -> tuple[Side, float, float, float]:
+    shown = printable(line.strip())
     parts = [part.strip() for part in line.split(",")]
     sides = {"right": Side.RIGHT, "r": Side.RIGHT, "left": Side.LEFT, "l": Side.LEFT}
     if len(parts) != 4 or parts[0].lower() not in sides:
-        raise InputError(f"{file}, line {number} reads {line.strip()!r}; write `left, x, y, yaw_degrees` in metres.")
+        raise InputError(f"{name}, line {number} reads {shown!r}; write `left, x, y, yaw_degrees` in metres.")
     try:
         x, y, yaw = (float(part) for part in parts[1:])
     except ValueError as error:
-        raise InputError(f"{file}, line {number}: {line.strip()!r} holds no number where one is due.") from error
+        raise InputError(f"{name}, line {number}: {shown!r} holds no number where one is due.") from error
     if not np.isfinite([x, y, yaw]).all():
-        raise InputError(f"{file}, line {number} holds NaN or infinity; give finite metres and degrees.")
+        raise InputError(f"{name}, line {number} holds NaN or infinity; give finite metres and degrees.")
     return sides[parts[0].lower()], x, y, yaw

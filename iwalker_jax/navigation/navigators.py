@@ -59,7 +59,7 @@ def make_navigator(
     Raises:
         InputError: for an unknown policy.
     """
-    if policy not in POLICIES:
+    if not isinstance(policy, str) or policy not in POLICIES:
         raise InputError(f"Unknown policy {policy!r}; choose one of {', '.join(POLICIES)}.")
     guidance, pursuit, feedback = POLICIES[policy]
     gait = GaitParameters(hlip=planner.config.hlip, mpc=planner.config.step_weights, feedback=feedback)

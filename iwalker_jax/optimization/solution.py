@@ -5,6 +5,8 @@ from typing import Any, Literal, NamedTuple
 
 from jaxtyping import Array, Bool, Float, Int
 
+from iwalker_jax.errors import InputError
+
 GradientMode = Literal["implicit", "unrolled", "stopped"]
 """How a solver is differentiated: at the optimum (implicit function theorem), through its iterations, or not at all."""
 
@@ -43,8 +45,15 @@ _SENTENCES = {
 
 
 def describe(status: int) -> str:
-    """Say in one sentence what a status means and what to do about it."""
-    return _SENTENCES[Status(int(status))]
+    """Say in one sentence what a status means and what to do about it.
+
+    Raises:
+        InputError: for what is no `Status`.
+    """
+    try:
+        return _SENTENCES[Status(int(status))]
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{status!r:.40} is no status; give that of a Solution.") from error
 
 
 class Solution(NamedTuple):

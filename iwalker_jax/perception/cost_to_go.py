@@ -14,18 +14,24 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int
 
+from iwalker_jax.arrays import as_floats
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import safe_norm
 from iwalker_jax.optimization import Solution, Status
 from iwalker_jax.perception.grid import GridSpec
 from iwalker_jax.perception.route_graph import MOVES, along_routes, beside
+from iwalker_jax.runtime.reading import printable
 
 UNREACHABLE = 1e6
 """Cost of cells that are blocked or cut off from the goal; also the traversal cost from which a cell is blocked."""
+
+_FARTHEST = 1e18
+"""[m] of a goal that a distance is taken to."""
 
 _BATCH = 16
 """Maps relaxed together: enough to fill vector registers, few enough to stay in the cache."""
@@ -38,7 +44,7 @@ class CostToGo(NamedTuple):
         cost: (rows, columns) traversal cost integrated along the best route; `UNREACHABLE` where there is none.
         goal: (2,) [m] centre of the cell that stands for the goal: the free cell nearest to the goal asked for.
         goal_offset: () [m] distance between that centre and the goal asked for; more than a cell's half diagonal
-            says that the goal was blocked or outside the map.
+            says that the goal was blocked or outside the map. `UNREACHABLE` if it is not finite.
     """
 
     cost: Float[Array, "rows columns"]
@@ -82,9 +88,16 @@ def cost_to_go(
     cost the same both ways.
 
     Raises:
-        InputError: if the map's shape is not the grid's or `max_rounds` is not positive.
+        InputError: if the map's shape is not the grid's, `max_rounds` is not positive, or what is given are no real
+            numbers.
     """
+    traversal_cost, goal_xy = as_floats(traversal_cost, "The map of costs"), as_floats(goal_xy, "The goal")
     max_rounds = traversal_cost.size if max_rounds is None else max_rounds
+    if not isinstance(grid, GridSpec) or goal_xy.shape != (2,) or not isinstance(max_rounds, (int, np.integer)):
+        raise InputError(
+            f"cost_to_go needs a GridSpec, a goal of shape (2,) and a whole number of rounds, got a "
+            f"{type(grid).__name__}, {goal_xy.shape} and {printable(max_rounds)}."
+        )
     if traversal_cost.shape != grid.shape or max_rounds < 1:
         raise InputError(
             f"cost_to_go needs a map of the grid's shape {grid.shape} and max_rounds >= 1, "
@@ -99,7 +112,7 @@ def cost_to_go(
     finite = jnp.isfinite(values)
     largest = jnp.max(jnp.where(finite, values, 0.0))
     residual = decrease / jnp.where(largest > 0, largest, 1.0)
-    bad = jnp.any(~(traversal_cost > 0)) | ~jnp.all(jnp.isfinite(goal_xy)) | (largest >= UNREACHABLE)
+    bad = jnp.any(~(traversal_cost > 0)) | ~_is_known_goal(goal_xy) | (largest >= UNREACHABLE)
     status = jnp.where(decrease > 0, Status.MAX_ITERATIONS, Status.CONVERGED)
     status = jnp.where(jnp.any(free), status, Status.INFEASIBLE)
     status = jnp.where(bad, Status.NON_FINITE, status).astype(jnp.int32)
@@ -161,6 +174,11 @@ def _both(window: Bool[Array, "5 5"], cells: tuple[tuple[int, int], tuple[int, i
     return window[2 + a, 2 + b] & window[2 + c, 2 + d]
 
 
+def _is_known_goal(goal_xy: Float[Array, "2"]) -> Bool[Array, ""]:
+    """Whether a goal is finite, and so are the squares of its distances."""
+    return jnp.all(jnp.abs(goal_xy) <= _FARTHEST)
+
+
 def _seed(
     cost: Float[Array, "rows columns"],
     free: Bool[Array, "rows columns"],
@@ -172,9 +190,9 @@ def _seed(
     squared = jnp.where(free, jnp.sum((centres - goal_xy) ** 2, axis=-1), jnp.inf)
     index = jnp.argmin(squared)
     goal = centres.reshape(-1, 2)[index]
-    away, finite_goal = goal - goal_xy, jnp.all(jnp.isfinite(goal_xy))
-    offset = jnp.where(finite_goal, safe_norm(jnp.where(finite_goal, away, 0.0)), jnp.sum(lax.stop_gradient(abs(away))))
-    usable = jnp.isfinite(offset) & jnp.isfinite(cost.reshape(-1)[index])
+    known = _is_known_goal(goal_xy)
+    offset = jnp.where(known, safe_norm(jnp.where(known, goal - goal_xy, 0.0)), UNREACHABLE)
+    usable = known & jnp.isfinite(cost.reshape(-1)[index])
     # Selected before they are multiplied: an infinite factor would make NaN of a derivative that is masked afterwards.
     first = jnp.where(usable, offset, 1.0) * jnp.where(usable, cost.reshape(-1)[index], 1.0)
     seed = jnp.full(cost.size, jnp.inf, cost.dtype).at[index].set(jnp.where(usable, first, jnp.inf))

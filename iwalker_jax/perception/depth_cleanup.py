@@ -7,12 +7,14 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Float32, UInt16
 
+from iwalker_jax.arrays import as_doubles
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 
 MAX_RANGE = 10.0
 """[m] stereo depth beyond this is a false match more often than a surface."""
 
+_FINEST_SCALE = 1e-6  # [m] per unit; finer, 16 bits would hold no room
 _MILLIMETRE_MEDIAN = 100.0  # [m] no indoor frame has a median depth of 100 m; millimetres read as metres have
 
 
@@ -32,7 +34,7 @@ def depth_from_uint16(image: UInt16[np.ndarray, "height width"], scale: float) -
             f"Raw depth must be a (height, width) uint16 array, got shape {image.shape} and type {image.dtype}; "
             "save depth as a single-channel 16-bit PNG."
         )
-    if not (math.isfinite(scale) and 0.0 < scale <= 0.1):
+    if as_doubles(scale, "The depth scale").shape or not _FINEST_SCALE <= scale <= 0.1:
         advice = f"give 1/{scale:g} if this is units per metre" if 0.1 < scale < math.inf else "give 0 to 0.1"
         raise InputError(f"The depth scale is metres per unit (0.001 for millimetres), got {scale}; {advice}.")
     return image.astype(np.float32) * np.float32(scale)

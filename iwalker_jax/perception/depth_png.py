@@ -15,7 +15,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.depth_cleanup import MAX_RANGE, check_depth_image, depth_from_uint16, resize_depth
 from iwalker_jax.runtime.files import atomic_write
-from iwalker_jax.runtime.reading import read_bytes
+from iwalker_jax.runtime.reading import printable, read_bytes
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOUR_TYPES = {2: "3 channels", 3: "a palette", 4: "2 channels", 6: "4 channels"}
@@ -44,11 +44,14 @@ def read_depth(
         InputError: for a file that is missing, damaged or no depth image, intrinsics of another resolution, and a
             camera that sees nothing of what the image shows.
     """
-    file, own = Path(file), intrinsics or camera
+    file, own = Path(file), camera if intrinsics is None else intrinsics
+    for given in (own, camera):
+        if not isinstance(given, Intrinsics):
+            raise InputError(f"A camera is given as a {type(given).__name__}; give Intrinsics.")
     try:
         depth = read_depth_png(file, depth_scale, (own.width, own.height))
     except InputError as error:
-        raise InputError(f"{file} {error}") from None
+        raise InputError(f"{printable(file, 300)} {error}") from None
     seen = np.asarray(resize_depth(jnp.asarray(depth), own, camera))
     if not seen.any():
         raise InputError(f"{file} shows nothing that the planner's camera would see; check the intrinsics.")
@@ -70,15 +73,17 @@ def write_depth(file: str | Path, depth: ArrayLike, depth_scale: float = 0.001) 
     image = np.asarray(depth)
     check_depth_image(image)
     depth_from_uint16(np.zeros((1, 1), np.uint16), depth_scale)
+    image = image.astype(np.promote_types(image.dtype, np.float32))  # half precision holds no tenths of a millimetre
     units = np.where(np.isfinite(image), image, 0.0) / depth_scale
     units = np.where((units > 0) & (units <= np.iinfo(np.uint16).max), units, 0.0)
     content = cv2.imencode(".png", np.round(units).astype(np.uint16))[1].tobytes()
     try:
         with atomic_write(Path(file)) as part:
             part.write_bytes(content)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # ValueError for what is no file's name
+        reason = getattr(error, "strerror", None) or error
         raise InputError(
-            f"The depth image {file} cannot be written ({error.strerror}); choose another place."
+            f"The depth image {printable(file, 300)} cannot be written ({reason}); choose another place."
         ) from error
 
 

@@ -13,10 +13,13 @@ outside and inside obstacles alike.
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import sequential_vmap
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
+from iwalker_jax.arrays import as_numbers, is_known
 from iwalker_jax.errors import InputError
 from iwalker_jax.promotion import usual_promotion
+from iwalker_jax.runtime.reading import printable
 
 _TRIALS = 16
 """Columns k that one loop step tries in one fused operation: enough to hide the step's own cost and memory traffic."""
@@ -37,8 +40,9 @@ def distance_transform(occupied: Bool[Array, "rows columns"], resolution: float)
         Distances [m]; the grid's diagonal, `grid_diagonal`, everywhere if no cell is occupied.
 
     Raises:
-        InputError: if rows + columns exceeds 16000.
+        InputError: as `signed_distance_field`.
     """
+    occupied = _checked(occupied, resolution)
     squared = jnp.where(occupied, 0, _squared_distance_to_other_class(occupied))
     return _metres(squared, resolution)
 
@@ -59,12 +63,28 @@ def signed_distance_field(occupied: Bool[Array, "rows columns"], resolution: flo
         Distances [m]; plus or minus the grid's diagonal, `grid_diagonal`, if all cells are free or all are occupied.
 
     Raises:
-        InputError: if rows + columns exceeds 16000.
+        InputError: for a map that is not a boolean one of two axes, one whose rows + columns exceed 16000, and a
+            resolution that is not positive.
     """
+    occupied = _checked(occupied, resolution)
     squared = _squared_distance_to_other_class(occupied)
     to_face = jnp.where(squared < _far(squared.shape), 0.5 * resolution, 0.0)
     magnitude = _metres(squared, resolution) - to_face
     return jnp.where(occupied, -magnitude, magnitude)
+
+
+def _checked(occupied: Bool[ArrayLike, "rows columns"], resolution: float) -> Bool[Array, "rows columns"]:
+    """The map as a JAX array, or InputError; a traced resolution passes."""
+    cells = as_numbers(occupied, "The map")
+    if cells.dtype != bool or cells.ndim != 2 or 0 in cells.shape:
+        raise InputError(
+            f"The map holds {cells.dtype} in shape {cells.shape}; give a boolean (rows, columns) map of obstacles, for "
+            "example `counts > 0`."
+        )
+    shape = as_numbers(resolution, "The resolution").shape
+    if shape or (is_known(resolution) and not 0 < float(resolution) < jnp.inf):
+        raise InputError(f"The resolution is {printable(resolution)}; give one positive number [m].")
+    return cells
 
 
 def grid_diagonal(shape: tuple[int, int], resolution: float) -> float:

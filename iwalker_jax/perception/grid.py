@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from iwalker_jax.checks import require_plain_numbers
 from iwalker_jax.errors import InputError
 
 
@@ -30,6 +31,7 @@ class GridSpec:
     columns: int = 160
 
     def __post_init__(self) -> None:
+        require_plain_numbers(self)
         if not self.resolution > 0 or self.rows < 2 or self.columns < 2:
             raise InputError(
                 f"GridSpec needs resolution > 0 and at least 2 x 2 cells, got {self.resolution} m and "

@@ -6,7 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from iwalker_jax.perception.camera import Intrinsics
+from iwalker_jax.arrays import as_floats, as_numbers, is_known
+from iwalker_jax.errors import InputError
+from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.perception.collision_map import (
     DEFAULT_OBSTACLES,
     ObstacleParameters,
@@ -18,7 +20,7 @@ from iwalker_jax.perception.collision_map import (
     point_planes,
     published_collision_map,
 )
-from iwalker_jax.perception.depth_cleanup import check_image_size, clean_depth
+from iwalker_jax.perception.depth_cleanup import check_depth_image, check_image_size, clean_depth
 from iwalker_jax.perception.distance_field import signed_distance_field
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
 
@@ -62,9 +64,20 @@ def build_local_map(
         obstacles: obstacle heights and point counts.
 
     Raises:
-        InputError: if the image has another size than its intrinsics or is not floating-point metres.
+        InputError: if the image has another size than its intrinsics or is not floating-point metres; outside `jit`
+            also for millimetres and for a mount that cannot be, such as one in degrees.
     """
+    given = depth, mount
+    depth, mount = as_numbers(depth, "The depth image"), as_floats(mount, "The mount")
+    if not isinstance(intrinsics, Intrinsics) or mount.shape != (5,):
+        raise InputError(
+            f"build_local_map needs Intrinsics and a mount of shape (5,), got a {type(intrinsics).__name__} and "
+            f"{mount.shape}."
+        )
     check_image_size(depth.shape, intrinsics)
+    if is_known(given):
+        check_depth_image(np.asarray(given[0]))
+        CameraMount(*np.asarray(given[1]).tolist())
     depth = clean_depth(depth)
     occupied, known_free = free_and_occupied(depth, mount, intrinsics, grid, obstacles)
     base_x, base_y = cell_offsets(grid, jnp.zeros(2))

@@ -11,6 +11,7 @@ from flax import nnx
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
+from iwalker_jax.arrays import as_floats, as_numbers, is_known
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import hermite_path
 from iwalker_jax.optimization import HlipParameters, StepMpcWeights
@@ -110,24 +111,26 @@ class Planner(nnx.Module):
             InputError: for shapes that do not fit each other or the configuration, and depth that is not
                 floating-point metres; millimetres and degrees are recognised in a single frame outside `jit`.
         """
-        depth, goal = _as_array(depth), _as_array(goal, floating=True)
+        depth, goal = as_numbers(depth, "The depth image"), as_floats(goal, "The goal")
         _check_dimensions(depth, (2, 3), self.config.ipath)
         batch = depth.shape[:-2]
         mount = self.config.ipath.mount if mount is None else mount
         if isinstance(mount, CameraMount):
             mounts = jnp.broadcast_to(mount.as_array(), (*batch, 5))
         else:
-            mounts = _as_array(mount, floating=True)
+            mounts = as_floats(mount, "The mount")
         if state is None:
             standing = standing_state(self.config.steps)
             state = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (*batch, *leaf.shape)), standing)
-        state = RobotState(*(_as_array(leaf, floating=True) for leaf in state))
+        if not isinstance(state, RobotState):
+            raise InputError(f"The robot's state is a {type(state).__name__}; give a RobotState.")
+        state = RobotState(*(as_floats(leaf, f"RobotState.{name}") for name, leaf in state._asdict().items()))
         _check_state(state, batch)
         if batch:
             path, waypoints, fear = self.plan_path(depth, goal, mounts)
             return Plan(path, waypoints, fear, self.istepper(path, state), next_foot(state))
         _check(depth, goal, mounts, self.config.ipath)
-        _check_values(depth, mounts)
+        _check_values(depth, mounts, state)
         return _plan_frame(split_module(self), depth, goal, state, mounts)
 
     def plan_path(
@@ -167,12 +170,6 @@ def _plan_frame(
     return jax.tree.map(lambda leaf: leaf[0], network.merge()(*rows))
 
 
-def _as_array(value: Numbers, floating: bool = False) -> Array:
-    """A JAX array of anything that is one; a floating-point one on demand."""
-    array = jnp.asarray(value)
-    return array.astype(float) if floating and not jnp.issubdtype(array.dtype, jnp.floating) else array
-
-
 def _check_dimensions(depth: Array, allowed: tuple[int, ...], config: IPathConfig) -> None:
     if depth.ndim not in allowed:
         size = f"{config.camera.height}, {config.camera.width}"
@@ -187,12 +184,15 @@ def _check_state(state: RobotState, batch: tuple[int, ...]) -> None:
             raise InputError(f"RobotState.{name} has shape {leaf.shape}; these depth images need {(*batch, *own)}.")
 
 
-def _check_values(depth: Array, mount: Array) -> None:
-    """Refuse a single frame in millimetres and a mount in degrees; under a trace there are no values to look at."""
-    if not isinstance(depth, jax.core.Tracer):
+def _check_values(depth: Array, mount: Array, state: RobotState) -> None:
+    """Refuse a single frame in millimetres, a mount in degrees and a state that is not finite; under a trace there are
+    no values to look at."""
+    if is_known(depth):
         check_depth_image(np.asarray(depth))
-    if not isinstance(mount, jax.core.Tracer):
+    if is_known(mount):
         CameraMount(*np.asarray(mount).tolist())
+    if is_known(state) and not all(np.isfinite(leaf).all() for leaf in state):
+        raise InputError("The robot's state holds NaN or infinity; give finite numbers.")
 
 
 def _check(depth: Array, goal: Array, mount: Array | None, config: IPathConfig) -> None:

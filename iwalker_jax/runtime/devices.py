@@ -24,8 +24,10 @@ def chosen_devices(count: int | None = None) -> list[jax.Device]:
     """
     present = local_devices()
     count = len(present) if count is None else count
-    if not 1 <= count <= len(present):
-        raise InputError(f"{count} devices were asked for but {len(present)} are present; see jax.local_devices().")
+    if not isinstance(count, (int, np.integer)) or not 1 <= count <= len(present):
+        raise InputError(
+            f"{count!s:.40} devices were asked for but {len(present)} are present; see jax.local_devices()."
+        )
     return present[:count]
 
 

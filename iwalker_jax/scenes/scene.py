@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from iwalker_jax.arrays import as_doubles
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import safe_sqrt
 from iwalker_jax.perception import DEFAULT_OBSTACLES
@@ -85,13 +86,16 @@ class Scene:
     ceiling: float | None = None
 
     def __post_init__(self) -> None:
-        boxes = np.array(self.boxes, np.float64)
-        cylinders = np.array(self.cylinders, np.float64)
+        rows = {name: as_doubles(getattr(self, name), f"Scene {self.name}: {name}") for name in ("boxes", "cylinders")}
+        boxes, cylinders = rows["boxes"], rows["cylinders"]
         if boxes.ndim != 2 or boxes.shape[1] != 7:
             raise InputError(f"Scene {self.name}: boxes must have shape (B, 7), got {boxes.shape}.")
         if cylinders.ndim != 2 or cylinders.shape[1] != 5:
             raise InputError(f"Scene {self.name}: cylinders must have shape (C, 5), got {cylinders.shape}.")
-        if not (np.isfinite(boxes).all() and np.isfinite(cylinders).all() and np.isfinite(self.bounds).all()):
+        bounds = as_doubles(self.bounds, f"Scene {self.name}: bounds")
+        if bounds.shape != (4,):
+            raise InputError(f"Scene {self.name}: bounds must be (x_min, y_min, x_max, y_max) [m], got {self.bounds}.")
+        if not (np.isfinite(boxes).all() and np.isfinite(cylinders).all() and np.isfinite(bounds).all()):
             raise InputError(f"Scene {self.name}: every number must be finite; check its boxes and cylinders.")
         if (boxes[:, 3:6] <= 0).any() or (cylinders[:, 3:5] <= 0).any():
             raise InputError(f"Scene {self.name}: half sizes and radii must be positive [m].")
@@ -101,7 +105,8 @@ class Scene:
                 f"Scene {self.name}: bounds {self.bounds} must be (x_min, y_min, x_max, y_max) with sides between 0 "
                 f"and {LARGEST.extent} m."
             )
-        if self.ceiling is not None and not 0 < self.ceiling < _NO_CEILING:
+        ceiling = as_doubles(1.0 if self.ceiling is None else self.ceiling, f"Scene {self.name}: the ceiling")
+        if ceiling.shape != () or not 0 < ceiling < _NO_CEILING:
             raise InputError(f"Scene {self.name}: the ceiling must be above the floor, got {self.ceiling} m.")
         boxes.setflags(write=False)
         cylinders.setflags(write=False)

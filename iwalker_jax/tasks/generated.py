@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from iwalker_jax.checks import require_whole
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, host
 from iwalker_jax.scenes import FAMILIES, Scene, SceneArrays, generate_scene, held_out_scene
@@ -87,6 +88,7 @@ def _draw(
     name: str, stream: Stream, seed: int, sampling: TaskSampling, scene_of: Callable[[np.random.Generator], Scene]
 ) -> Task:
     """A task from successive sub-seeds; scenes in which nothing stands between free places are passed over."""
+    require_whole(seed, "A task's seed")
     if seed < 0:
         raise InputError(f"A task's seed must not be negative, got {seed}.")
     for attempt in range(_SCENES):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from iwalker_jax.checks import require_whole
 from iwalker_jax.errors import InputError
 from iwalker_jax.scenes import (
     DEMONSTRATION_NAMES,
@@ -120,6 +121,7 @@ def tour_length(scene: Scene, start: tuple[float, float, float], goals: np.ndarr
 
 
 def _generators(name: str, seed: int) -> list[np.random.Generator]:
+    require_whole(seed, "A task's seed")
     if seed < 0:
         raise InputError(f"A task's seed must not be negative, got {seed}.")
     return [NAMED_TASKS.generator(*name.encode(), seed, attempt) for attempt in range(_ATTEMPTS)]

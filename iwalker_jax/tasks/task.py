@@ -7,11 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from iwalker_jax.arrays import as_doubles
 from iwalker_jax.errors import InputError
 from iwalker_jax.scenes import Scene, SceneArrays, stack_scenes
 
 GOAL_CAPACITY = 6
 """Goals of one task at most, so that the tasks of a batch have one shape."""
+
+LONGEST_EPISODE = 86_400.0
+"""[s] of a task's time limit at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +27,7 @@ class Task:
         scene: where.
         start: (x [m], y [m], yaw [rad]) of the robot.
         goals: (G, 2) [m] world frame, 1 to `GOAL_CAPACITY`.
-        time_limit: [s].
+        time_limit: [s], at most `LONGEST_EPISODE`.
     """
 
     name: str
@@ -33,15 +37,21 @@ class Task:
     time_limit: float = 60.0
 
     def __post_init__(self) -> None:
-        goals = np.array(self.goals, np.float64)
+        if not isinstance(self.scene, Scene):
+            raise InputError(f"Task {self.name}: the scene is a {type(self.scene).__name__}; give a Scene.")
+        goals, start = (as_doubles(getattr(self, name), f"Task {self.name}: {name}") for name in ("goals", "start"))
         if goals.ndim != 2 or goals.shape[1:] != (2,) or not 1 <= len(goals) <= GOAL_CAPACITY:
             raise InputError(
                 f"Task {self.name}: goals have shape {goals.shape}; give 1 to {GOAL_CAPACITY} rows of x, y in metres."
             )
-        if not (np.isfinite(goals).all() and np.isfinite(self.start).all() and len(self.start) == 3):
+        if not (np.isfinite(goals).all() and np.isfinite(start).all() and start.shape == (3,)):
             raise InputError(f"Task {self.name}: start and goals must be finite; the start is x, y [m] and yaw [rad].")
-        if not self.time_limit > 0:
-            raise InputError(f"Task {self.name}: the time limit must be positive, got {self.time_limit} s.")
+        seconds = as_doubles(self.time_limit, f"Task {self.name}: the time limit")
+        if seconds.shape != () or not 0 < seconds <= LONGEST_EPISODE:
+            raise InputError(
+                f"Task {self.name}: the time limit must be positive and at most {LONGEST_EPISODE:g} s, got "
+                f"{self.time_limit} s."
+            )
         goals.setflags(write=False)
         object.__setattr__(self, "goals", goals)
 

@@ -23,6 +23,7 @@ import orbax.checkpoint as ocp
 
 from iwalker_jax.errors import CheckpointError
 from iwalker_jax.runtime.files import digest, first_line
+from iwalker_jax.runtime.reading import printable
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.train_step import TrainState, initial_state, make_optimiser
@@ -177,8 +178,9 @@ def load_run(
         CheckpointError: if the run has no checkpoint, or it cannot be read.
     """
     folder = run / "checkpoints"
-    if not folder.is_dir():
-        raise CheckpointError(f"{run} holds no checkpoints; run `iwalker-train --out {run}` first.")
+    if not os.path.isdir(folder):
+        shown = printable(run, 300)
+        raise CheckpointError(f"{shown} holds no checkpoints; run `iwalker-train --out {shown}` first.")
     store = CheckpointStore(folder)
     try:
         if checkpoint is not None and checkpoint not in store.steps():

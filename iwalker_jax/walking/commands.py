@@ -1,6 +1,7 @@
 """What a walk is to be: a motion as a checked footstep plan from where the robot stands."""
 
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
@@ -9,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bruce_model import load_mujoco
+from iwalker_jax.checks import require_plain_numbers
 from iwalker_jax.control import (
     FootstepPlan,
     GaitParameters,
@@ -23,6 +25,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import Side, host, other_side
 from iwalker_jax.robot import FEET
 from iwalker_jax.runtime import read_text
+from iwalker_jax.runtime.reading import printable
 
 MotionKind = Literal["stand", "in_place", "straight", "sideways", "turn", "s_curve", "footsteps", "path"]
 
@@ -62,6 +65,9 @@ class Motion:
     def __post_init__(self) -> None:
         if self.kind not in get_args(MotionKind):
             raise InputError(f"Unknown motion {self.kind!r}; choose one of {', '.join(get_args(MotionKind))}.")
+        require_plain_numbers(self)
+        if not (self.file is None or isinstance(self.file, (str, PathLike))):
+            raise InputError(f"The motion's file is {self.file!r:.40}; give the path of one.")
         bounds = {
             "speed": (-1.0, 1.0, "m/s"),
             "turn": (-90.0, 90.0, "deg/s"),
@@ -196,10 +202,11 @@ def load_path(file: Path) -> Float[np.ndarray, "n 2"]:
     Raises:
         InputError: with what is wrong.
     """
+    name = printable(file, 300)
     try:
         lines = read_text(Path(file)).splitlines()
     except InputError as error:
-        raise InputError(f"The path file {file} cannot be read: it {error}") from None
+        raise InputError(f"The path file {name} cannot be read: it {error}") from None
     points: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
@@ -209,11 +216,11 @@ def load_path(file: Path) -> Float[np.ndarray, "n 2"]:
         except ValueError:
             point = []
         if len(point) != 2 or not np.isfinite(point).all():
-            raise InputError(f"{file}, line {number} reads {line.strip()!r}; write `x, y` in finite metres.")
+            raise InputError(f"{name}, line {number} reads {printable(line.strip())!r}; write `x, y` in finite metres.")
         if not points or point != points[-1]:
             points.append(point)
     if len(points) < 2:
-        raise InputError(f"{file} holds {len(points)} different points; a path needs at least two.")
+        raise InputError(f"{name} holds {len(points)} different points; a path needs at least two.")
     return np.asarray(points)
 
 

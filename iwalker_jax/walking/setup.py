@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 
 from bruce_model import load_mujoco
+from iwalker_jax.arrays import as_doubles
+from iwalker_jax.checks import require_plain_numbers, require_whole
 from iwalker_jax.control import GaitParameters, make_controller
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import SensorNoise
@@ -38,8 +40,10 @@ def default_walker(
         solver: of its whole-body QPs.
     """
     noises = {"none": None, "nominal": SensorNoise.nominal(), "harsh": SensorNoise.harsh()}
-    if sensors not in noises:
+    if not isinstance(sensors, str) or sensors not in noises:
         raise InputError(f"Unknown sensors {sensors!r}; choose one of {', '.join(noises)}.")
+    if gait is not None and not isinstance(gait, GaitParameters):
+        raise InputError(f"The gait is a {type(gait).__name__}; give GaitParameters.")
     model = load_mujoco()
     robot = load_robot(model)
     return Walker(
@@ -76,6 +80,11 @@ class Disturbances:
     delay: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
+        require_plain_numbers(self)
+        for name in ("friction", "delay"):
+            shape = as_doubles(getattr(self, name), f"Disturbances.{name}").shape
+            if shape != (2,):
+                raise InputError(f"Disturbances.{name} is of shape {shape}; give its least and its largest value.")
         if not 0.05 <= self.friction[0] <= self.friction[1] <= 5.0:
             raise InputError(f"Friction from {self.friction[0]} to {self.friction[1]}; give 0.05 to 5, smaller first.")
         if not 0 <= self.delay[0] <= self.delay[1] <= MAX_DELAY:
@@ -111,6 +120,8 @@ def sample_conditions(
         InputError: no robot, more than `MOST_ROBOTS`, or a bad seed.
     """
     check_robots(count, seed)
+    if not isinstance(disturbances, Disturbances):
+        raise InputError(f"The disturbances are a {type(disturbances).__name__}; give Disturbances.")
     rows = [_draw(robot, disturbances, np.random.default_rng((seed, k)), step_time) for k in range(count)]
     friction, mass, force, start, delay, qpos, qvel = (np.stack(column) for column in zip(*rows))
     dtype = robot.home.dtype
@@ -134,6 +145,7 @@ def check_robots(count: int, seed: int) -> None:
     Raises:
         InputError: no robot, more than `MOST_ROBOTS`, or a bad seed.
     """
+    require_whole(count, "The number of robots")
     if not 1 <= count <= MOST_ROBOTS:
         raise InputError(f"{count} robots were asked for; give 1 to {MOST_ROBOTS}.")
     check_seed(seed, "the robots' conditions")

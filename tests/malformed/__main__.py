@@ -8,6 +8,12 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from iwalker_jax.runtime.settings import configure_runtime
+
+if __name__ == "__main__":
+    # Before JAX is imported: what is compiled once is kept for the next time.
+    configure_runtime()
+
 from tests.malformed.kinds import ENDINGS, Ending, try_case
 from tests.malformed.registry import FAMILIES, schedule
 

@@ -2,20 +2,24 @@
 
 from collections.abc import Callable, Iterator
 
-from tests.malformed import command_options, recordings, saved_files
+from tests.malformed import command_options, front_door, front_door_settings, recordings, saved_files, scene_files
 from tests.malformed.kinds import Kind
 
 FAMILIES: dict[str, dict[str, Kind]] = {
     "recordings": recordings.KINDS,
     "commands": command_options.KINDS,
     "files": saved_files.KINDS,
+    "library": front_door.KINDS | front_door_settings.KINDS,
+    "scenes": scene_files.KINDS,
 }
 
-WEIGHTS = {"recordings": 1, "commands": 1, "files": 1}
+WEIGHTS = {"recordings": 1, "commands": 1, "files": 1, "library": 1, "scenes": 1}
 """Cases of a family in every round."""
 
 PREPARED: dict[str, Callable[[], object]] = {
     "files": saved_files.prepare,
+    "library": front_door.prepare,
+    "scenes": scene_files.prepare,
 }
 """What a family makes before its first case, which a case's time is not to hold."""
 

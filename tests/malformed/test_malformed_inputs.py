@@ -5,7 +5,7 @@ import pytest
 from tests.malformed.__main__ import run
 from tests.malformed.registry import FAMILIES
 
-CASES = {"recordings": 72, "commands": 78, "files": 36}
+CASES = {"recordings": 72, "commands": 78, "files": 36, "library": 45, "scenes": 60}
 """Of each family, so few that they take seconds."""
 
 

@@ -168,3 +168,13 @@ def test_gradients_flow_past_the_field():
     np.testing.assert_allclose(gradients[1], jnp.sum(SIGNED(heights > 0.5, RESOLUTION)), rtol=1e-4)
     mapped = jax.vmap(jax.grad(loss, argnums=1), in_axes=(0, None))(jnp.stack([heights, heights.max() - heights]), 2.0)
     np.testing.assert_allclose(mapped[0], gradients[1], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("occupied", "resolution"),
+    [(np.ones((4, 5), int), 0.1), (np.ones(5, bool), 0.1), (np.ones((0, 5), bool), 0.1), ("map", 0.1)]
+    + [(np.ones((4, 5), bool), side) for side in (0.0, -0.1, np.nan, np.inf, "fine", [0.1, 0.1])],
+)
+def test_what_is_no_map_and_no_resolution_is_refused(occupied, resolution, unchecked_types):
+    with pytest.raises(InputError, match=r"^The (map|resolution) "):
+        signed_distance_field(occupied, resolution)

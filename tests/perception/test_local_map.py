@@ -126,3 +126,16 @@ def test_real_frames_give_floor_ahead(real_depth_folder):
         local = build(depth_from_uint16(raw, 0.001), TILTED.as_array(), intrinsics)
         assert np.asarray(local.known_free)[24:40, 76:84].mean() > 0.5
         assert 20 < np.asarray(local.occupied).sum() < 3000
+
+
+@pytest.mark.parametrize(
+    ("depth", "mount", "sentence"),
+    [
+        (np.full((90, 160), 2000.0, np.float32), MOUNT.as_array(), "millimetres"),
+        (np.full((90, 160), 2.0, np.float32), [0.58, 15.0, 0.0, 0.0, 0.0], "pitch is 15.0 rad"),
+        (np.full((90, 160), 2.0, np.float32), [0.58], "shape"),
+    ],
+)
+def test_millimetres_and_degrees_are_recognised_outside_jit(depth, mount, sentence, unchecked_types):
+    with pytest.raises(InputError, match=sentence):
+        build_local_map(depth, np.array(mount, np.float32), INTRINSICS)

@@ -133,3 +133,11 @@ def test_too_many_geoms_are_refused():
         crowded.arrays()
     with pytest.raises(InputError, match="at least one"):
         stack_scenes([])
+
+
+@pytest.mark.parametrize(
+    "changes", [{"boxes": "rows"}, {"cylinders": [[1.0], [1.0, 2.0]]}, {"bounds": (0.0, 1.0)}, {"ceiling": "high"}]
+)
+def test_what_is_no_number_is_refused(changes, unchecked_types):
+    with pytest.raises(InputError, match="Scene t: "):
+        make_scene(**changes)

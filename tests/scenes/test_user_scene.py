@@ -1,6 +1,7 @@
 """A user's own scenes: converted ones look and measure like the originals in C MuJoCo and trimesh."""
 
 import math
+import os
 
 import mujoco
 import numpy as np
@@ -277,6 +278,7 @@ def test_unusable_files_are_refused(tmp_path, message, make):
         ("cannot load", "not xml"),
         ("nothing to walk around", '<mujoco><worldbody><geom type="plane" size="1 1 1"/></worldbody></mujoco>'),
         ("floor .* is at z", '<mujoco><worldbody><geom type="plane" size="1 1 1" pos="0 0 1"/></worldbody></mujoco>'),
+        ("half size 3e\\+05", '<mujoco><worldbody><geom type="box" size="3e5 1 1"/></worldbody></mujoco>'),
         ("is tilted", '<mujoco><worldbody><geom type="plane" size="1 1 1" euler="20 0 0"/></worldbody></mujoco>'),
         (
             "8200 boxes",
@@ -289,6 +291,61 @@ def test_unusable_models_are_refused(tmp_path, message, text):
     (tmp_path / "model.xml").write_text(text)
     with pytest.raises(InputError, match=message):
         convert_user_scene(tmp_path / "model.xml")
+
+
+@pytest.mark.parametrize("entry", [math.nan, math.inf])
+def test_vertices_that_are_not_finite_are_not_taken_away_in_silence(tmp_path, entry):
+    """Property: a mesh that has lost a corner is refused; its reader would leave out all triangles there."""
+    mesh = furnished()
+    vertices = np.array(mesh.vertices)
+    vertices[3, 1] = entry
+    with pytest.raises(InputError, match="not finite"):
+        convert_user_scene(stl(tmp_path, trimesh.Trimesh(vertices, mesh.faces, process=False)))
+
+
+def test_triangles_without_area_make_no_difference(tmp_path):
+    """Oracle: the same scene without them; a point and a line that float in the air are no obstacles."""
+    mesh = furnished()
+    whole = convert_user_scene(stl(tmp_path, mesh))
+    points = np.concatenate([mesh.vertices, mesh.vertices.mean(axis=0) + np.array([[0.5, 0.5, 0.9], [0.5, 0.7, 0.9]])])
+    first, second = len(points) - 2, len(points) - 1
+    faces = np.concatenate([mesh.faces, [[first] * 3, [first, first, second], [0, 0, 0]]])
+    found = convert_user_scene(stl(tmp_path, trimesh.Trimesh(points, faces, process=False)))
+    np.testing.assert_array_equal(found.scene.boxes, whole.scene.boxes)
+    np.testing.assert_array_equal(found.scene.cylinders, whole.scene.cylinders)
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        '<include file="pipe"/>',
+        "<include file='&#112;ipe'/>",
+        '<include file="inner.xml"/>',
+        '<asset><mesh name="m" file="/dev/zero"/></asset>',
+        '<compiler meshdir="/dev"/><asset><mesh name="m" file="zero"/></asset>',
+    ],
+)
+def test_models_that_name_pipes_and_devices_are_refused(tmp_path, part):
+    """Property: a sentence and no wait; MuJoCo would open them and never come back."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "inner.xml").write_text('<mujocoinclude><asset><hfield name="h" file="pipe"/></asset></mujocoinclude>')
+    (tmp_path / "model.xml").write_text(f"<mujoco>{part}</mujoco>")
+    with pytest.raises(InputError, match="a pipe, socket or device"):
+        convert_user_scene(tmp_path / "model.xml")
+
+
+def test_meshes_that_name_pipes_are_refused(tmp_path):
+    """Property: a sentence and no wait; a .gltf file keeps its numbers in others."""
+    os.mkfifo(tmp_path / "numbers.bin")
+    (tmp_path / "scene.gltf").write_text('{"asset": {"version": "2.0"}, "buffers": [{"uri": "numbers%2Ebin"}]}')
+    with pytest.raises(InputError, match="a pipe, socket or device"):
+        convert_user_scene(tmp_path / "scene.gltf")
+
+
+@pytest.mark.parametrize("options", [{"bounds": (0.0, 0.0, 1.0)}, {"bounds": (1.0, 0.0, 0.0, 1.0)}, {"up": "w"}])
+def test_options_that_cannot_be_are_refused(tmp_path, options, unchecked_types):
+    with pytest.raises(InputError, match=r"x_min, y_min, x_max, y_max|give x, y, z"):
+        convert_user_scene(stl(tmp_path, furnished()), **options)
 
 
 @pytest.mark.parametrize("name", ["scene.stl", "scene.obj", "scene.glb"])

@@ -1,5 +1,7 @@
 """Which tasks are refused: by hand in rooms with gaps, and by a distance transform of finely drawn scenes."""
 
+import math
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -90,3 +92,14 @@ def test_the_grid_is_the_distance_cut_off():
     cells = np.argwhere(np.ones(grid.distance.shape, bool))
     exact = np.asarray(obstacle_distance(scene.arrays(), jnp.asarray(grid.centres(cells))))
     np.testing.assert_allclose(grid.distance.ravel(), np.minimum(exact, 0.5), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"start": ("a", "b", "c")}, {"start": (0.0, 0.0)}, {"goals": [[0.0, 1j]]}, {"scene": "office"},
+     {"time_limit": math.inf}, {"time_limit": "60"}],
+)  # fmt: skip
+def test_what_makes_no_task_is_refused(change, unchecked_types):
+    good = {"name": "t", "scene": room(), "start": (1.0, 1.0, 0.0), "goals": [[2.0, 1.0]], "time_limit": 60.0}
+    with pytest.raises(InputError, match="Task t: "):
+        Task(**good | change)

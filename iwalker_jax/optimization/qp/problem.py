@@ -12,6 +12,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from iwalker_jax.arrays import as_numbers
 from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.files import read_npz, write_npz
 
@@ -111,16 +112,7 @@ def in_floats(problem: QuadraticProgram) -> QuadraticProgram:
         InputError: on lists of uneven lengths, and on what is no real number.
     """
     names = ("P", "q", "C", "low", "high")
-    arrays = {}
-    for name in names:
-        given = getattr(problem, name)
-        try:
-            arrays[name] = jnp.asarray(given)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{name} is no array of numbers; give real numbers in rows of equal length.") from error
-        kind = arrays[name].dtype
-        if not (jnp.issubdtype(kind, jnp.floating) or jnp.issubdtype(kind, jnp.integer) or kind == jnp.bool_):
-            raise InputError(f"{name} is of type {kind}; give real numbers.")
+    arrays = {name: as_numbers(getattr(problem, name), name) for name in names}
     floats = [a.dtype for a in arrays.values() if jnp.issubdtype(a.dtype, jnp.floating)]
     dtype = jnp.result_type(jnp.float32, *floats) if floats else jnp.result_type(float)
     P, q, C, low, high = (arrays[name].astype(dtype) for name in names)

@@ -77,8 +77,8 @@ def solve_step_mpc(
         largest term. Non-finite or unphysical input gives NON_FINITE and a finite value computed without it.
 
     Raises:
-        InputError: on wrong shapes, an unknown gradient mode, or constants under which the pendulum runs away faster
-            than the precision can follow (traced ones give NON_FINITE).
+        InputError: on wrong shapes, what are no real numbers, an unknown gradient mode, or constants under which the
+            pendulum runs away faster than the precision can follow (traced ones give NON_FINITE).
     """
     parameters, weights = parameters or HlipParameters(), weights or StepMpcWeights()
     footsteps, initial_state = check_step_inputs(footsteps, initial_state, gradient, parameters)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from iwalker_jax.arrays import as_numbers
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
 from iwalker_jax.optimization.steps.box_qp import (
@@ -76,22 +77,24 @@ def solve_bounded_step_mpc(
         of its bounds, over the sagittal reach.
 
     Raises:
-        InputError: on wrong shapes, an unknown gradient mode, or constants under which the pendulum runs away faster
-            than the precision can follow (traced ones give NON_FINITE).
+        InputError: on wrong shapes, what are no real numbers, an unknown gradient mode, or constants under which the
+            pendulum runs away faster than the precision can follow (traced ones give NON_FINITE).
     """
     parameters, weights, reach = parameters or HlipParameters(), weights or StepMpcWeights(), reach or StepReach()
     footsteps, initial_state = check_step_inputs(footsteps, initial_state, gradient, parameters)
     horizon, dtype = footsteps.shape[0], footsteps.dtype
-    headings = jnp.zeros(horizon, dtype) if headings is None else jnp.asarray(headings, dtype)
+    headings = jnp.zeros(horizon, dtype) if headings is None else as_numbers(headings, "headings").astype(dtype)
     if headings.shape != (horizon,):
         raise InputError(f"headings have shape {headings.shape}; give ({horizon},), one for each footstep.")
+    stance = as_numbers(stance, "stance").astype(dtype)
+    if stance.shape:
+        raise InputError(f"stance has shape {stance.shape}; give one number, +1 for the left foot or -1 for the right.")
     if gradient == "stopped":
         footsteps, initial_state, headings, reach, parameters, weights = jax.lax.stop_gradient(
             (footsteps, initial_state, headings, reach, parameters, weights)
         )
     footsteps, initial_state, parameters, weights, usable = sanitise(footsteps, initial_state, parameters, weights)
     reach, known, empty = sanitise_reach(reach, dtype)
-    stance = jnp.asarray(stance, dtype)
     usable &= known & jnp.all(jnp.isfinite(headings)) & (jnp.abs(stance) == 1)
     headings = jnp.where(jnp.isfinite(headings), headings, 0)
     low, high = step_bounds(reach, jnp.where(stance < 0, -1, 1), horizon)

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
+from iwalker_jax.arrays import as_numbers
 from iwalker_jax.checks import Scalar, field_values, require_range
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
@@ -136,7 +137,7 @@ def check_step_inputs(
     parameters: HlipParameters,
 ) -> tuple[Float[Array, "n 2"], Float[Array, "2 3"]]:
     """Both arrays in the footsteps' float type, or InputError."""
-    footsteps, initial_state = jnp.asarray(footsteps), jnp.asarray(initial_state)
+    footsteps, initial_state = as_numbers(footsteps, "footsteps"), as_numbers(initial_state, "initial_state")
     if footsteps.ndim != 2 or footsteps.shape[1] != 2 or footsteps.shape[0] == 0:
         raise InputError(f"footsteps have shape {footsteps.shape}; give (N, 2) with N >= 1 and vmap over batches.")
     if initial_state.shape != (2, 3):

@@ -8,6 +8,7 @@ from jax import lax
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from iwalker_jax.arrays import as_floats
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization.solution import GradientMode, Solution, Status
 from iwalker_jax.optimization.unicycle.ddp import Trajectory, uniform_grid
@@ -49,10 +50,11 @@ def solve_unicycle(
         leaving a bound.
 
     Raises:
-        InputError: for arrays of a wrong shape or an unknown gradient mode.
+        InputError: for arrays of a wrong shape, what are no real numbers, or an unknown gradient mode.
     """
-    reference, initial_state = jnp.asarray(reference), jnp.asarray(initial_state)
-    live_weights = parameters.weights().astype(reference.dtype) if weights is None else jnp.asarray(weights)
+    reference, initial_state = as_floats(reference, "The reference"), as_floats(initial_state, "The initial state")
+    own_weights = parameters.weights().astype(reference.dtype)
+    live_weights = own_weights if weights is None else as_floats(weights, "weights")
     _check_inputs(reference, initial_state, gradient, live_weights)
     if gradient == "stopped":
         reference, initial_state, live_weights = lax.stop_gradient((reference, initial_state, live_weights))

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from jaxtyping import Bool
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.scenes.imported.named_files import check_gltf_files, require_file
 
 MESH_SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".ply", ".off")
 
@@ -31,10 +33,13 @@ def read_mesh(path: str | PathLike) -> trimesh.Trimesh:
         InputError: there is no such file, trimesh cannot read it, it has no triangles, or they are not finite.
     """
     file = Path(path)
-    if not file.is_file():
-        raise InputError(f"There is no file {file}; give the path of a mesh.")
+    require_file(file, "a mesh")
+    if file.suffix.lower() == ".gltf":
+        check_gltf_files(file)
     try:
         mesh = _loaded(file)
+    except InputError:
+        raise
     except Exception as error:  # trimesh's readers raise whatever their parsers do
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{file} cannot be read as a mesh ({reason}); export it as STL, OBJ, PLY or GLB.") from error
@@ -44,21 +49,45 @@ def read_mesh(path: str | PathLike) -> trimesh.Trimesh:
             raise InputError(f"{file} has {count} points but no triangles: it is a point cloud; {_AS_A_MESH}.")
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise InputError(f"{file} has no triangles; export the scene's surfaces as a mesh.")
-    if not np.isfinite(mesh.vertices).all():
-        raise InputError(f"{file} has vertices that are not finite; repair the mesh.")
+    _check_finite(file, mesh)
     return mesh
 
 
 def _loaded(file: Path) -> object:
+    scene = _scene(file)
+    for part in scene.geometry.values():
+        if isinstance(part, trimesh.Trimesh):
+            # Left to itself, trimesh takes vertices that are not finite away with their triangles.
+            _check_finite(file, part)
+            part.process()
+            part.update_faces(_has_three_corners(part))
+    # Forced to be a mesh, a point cloud would lose its points.
+    if file.suffix.lower() == ".ply" and len(scene.geometry) == 1:
+        return next(iter(scene.geometry.values()))
+    return scene.to_mesh()
+
+
+def _scene(file: Path) -> trimesh.Scene:
+    """All that a file holds, as it is."""
     suffix = file.suffix.lower()
     if suffix in (".glb", ".gltf"):
-        return trimesh.load(file, force="mesh")
+        return trimesh.load_scene(file, process=False)
     # Materials may be in other files and encodings, and names in any: neither is needed.
     content = io.BytesIO(_in_ascii(file.read_bytes(), suffix))
     if suffix == ".obj":
-        return trimesh.load(content, file_type="obj", force="mesh", skip_materials=True)
-    # Forced to be a mesh, a point cloud would lose its points.
-    return trimesh.load(content, file_type=suffix[1:], force=None if suffix == ".ply" else "mesh")
+        return trimesh.load_scene(content, file_type="obj", skip_materials=True, process=False)
+    return trimesh.load_scene(content, file_type=suffix[1:], process=False)
+
+
+def _check_finite(file: Path, mesh: trimesh.Trimesh) -> None:
+    if not np.isfinite(mesh.vertices).all():
+        raise InputError(f"{file} has vertices that are not finite; repair the mesh.")
+
+
+def _has_three_corners(mesh: trimesh.Trimesh) -> Bool[np.ndarray, " faces"]:
+    """Which triangles are not just a line or a point, which are no surface to walk into."""
+    first, second, third = mesh.faces.T
+    return (first != second) & (second != third) & (third != first)
 
 
 def _in_ascii(data: bytes, suffix: str) -> bytes:

@@ -41,6 +41,8 @@ def recognise_solids(mesh: trimesh.Trimesh) -> MeshSolids:
     if len(parts) > _MOST_PARTS:
         return MeshSolids(rest=[mesh])
     for part in parts:
+        if part.area == 0:
+            continue
         if not (part.is_watertight and part.is_winding_consistent and part.volume > 0):
             solids.rest.append(part)
             continue

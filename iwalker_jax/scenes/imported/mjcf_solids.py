@@ -11,6 +11,7 @@ import trimesh
 from jaxtyping import Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.scenes.imported.named_files import check_model_files, require_file
 
 _GEOM = mujoco.mjtGeom
 _UPRIGHT = 1 - 1e-6
@@ -40,11 +41,11 @@ def load_mjcf(path: str | PathLike) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Model and data of an MJCF file with positions computed, ready for `mujoco_ray_depth`.
 
     Raises:
-        InputError: there is no such file, or MuJoCo refuses it.
+        InputError: there is no such file, it names a pipe, socket or device, or MuJoCo refuses it.
     """
     file = Path(path)
-    if not file.is_file():
-        raise InputError(f"There is no file {file}; give the path of an MJCF model.")
+    require_file(file, "an MJCF model")
+    check_model_files(file)
     try:
         model = mujoco.MjModel.from_xml_path(str(file))
     except ValueError as error:

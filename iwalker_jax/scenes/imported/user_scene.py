@@ -13,13 +13,16 @@ import math
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import trimesh
 from jaxtyping import Float
 
+from iwalker_jax.arrays import as_doubles
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY
+from iwalker_jax.runtime.reading import printable
 from iwalker_jax.scenes.clearance_grid import box_reach
 from iwalker_jax.scenes.imported.mesh_file import MESH_SUFFIXES, UNREAD_SUFFIXES, read_mesh
 from iwalker_jax.scenes.imported.mesh_frame import Up, mesh_frame
@@ -37,6 +40,8 @@ BAND = (BODY.step_over, 2.0)
 MJCF_SUFFIXES = (".xml", ".mjcf")
 _MARGIN = 2.0
 _SMALLEST, _LARGEST = 0.3, 100.0
+_LARGEST_SOLID = 10_000.0
+"""[m] half a side of floors and walls without end; a solid that is larger is a slip in units."""
 _FLUSH = 0.001
 _FAR_FROM_ORIGIN = 100.0
 _UNEVEN = 4.5
@@ -118,6 +123,10 @@ def convert_user_scene(path: str | PathLike, bounds: Bounds | None = None, up: U
             units than metres, has no floor, or does not fit the capacity of a scene.
     """
     file = Path(path)
+    if bounds is not None:
+        _check_bounds(bounds)
+    if up is not None and up not in get_args(Up):
+        raise InputError(f"The axis {up!r} is not known; give {', '.join(get_args(Up))} for the one that is up.")
     found = _parts_of(file, up)
     boxes = np.reshape([row for part in found.solids for row in part.boxes], (-1, 7))
     cylinders = np.reshape([row for part in found.solids for row in part.cylinders], (-1, 5))
@@ -125,6 +134,7 @@ def convert_user_scene(path: str | PathLike, bounds: Bounds | None = None, up: U
     rest = [mesh for part in found.solids for mesh in part.rest]
     if not (len(boxes) or len(cylinders) or len(discs) or rest):
         raise InputError(f"{file} has nothing to walk around; add obstacles to the scene.")
+    _check_sizes(file, boxes, cylinders)
     limits = bounds or _default_bounds(file, boxes, np.concatenate([cylinders, discs]), rest, found.margin)
     shift, notes = _shift_to_origin(limits), found.notes
     if shift.any():
@@ -200,6 +210,21 @@ def _check_units(file: Path, mesh: trimesh.Trimesh) -> None:
         raise InputError(f"{file} spans only {size:.3g} m; scale it to metres.")
 
 
+def _check_bounds(bounds: Bounds) -> None:
+    """Require a rectangle to walk in."""
+    edges = as_doubles(bounds, "bounds")
+    if edges.shape != (4,) or not np.isfinite(edges).all() or not (edges[:2] < edges[2:]).all():
+        raise InputError(
+            f"The bounds are {printable(bounds)}; give x_min, y_min, x_max, y_max [m], smaller ones first."
+        )
+
+
+def _check_sizes(file: Path, boxes: Float[np.ndarray, "n 7"], cylinders: Float[np.ndarray, "m 5"]) -> None:
+    largest = max(boxes[:, 3:6].max(initial=0.0), cylinders[:, 3:5].max(initial=0.0))
+    if not largest <= _LARGEST_SOLID:
+        raise InputError(f"{file} has a solid of half size {largest:.3g} m; give its size in metres.")
+
+
 def _default_bounds(
     file: Path,
     boxes: Float[np.ndarray, "n 7"],
@@ -266,7 +291,7 @@ def _grain(meshes: list[trimesh.Trimesh]) -> float:
     """Direction [rad] of most of the upright surface, modulo a right angle."""
     normals = np.concatenate([mesh.face_normals for mesh in meshes])
     areas = np.concatenate([mesh.area_faces for mesh in meshes])
-    walls = np.abs(normals[:, 2]) < 0.1
+    walls = (np.abs(normals[:, 2]) < 0.1) & (areas > 0)
     degrees = np.degrees(np.arctan2(normals[walls, 1], normals[walls, 0])) % 90
     if not len(degrees):
         return 0.0

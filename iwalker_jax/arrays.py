@@ -1,0 +1,64 @@
+"""Arrays of real numbers from whatever callers give for them, or one sentence that says why there are none."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Shaped
+
+from iwalker_jax.errors import InputError
+
+
+def as_doubles(value: Any, name: str) -> Float[np.ndarray, "*shape"]:
+    """A new NumPy array in double precision, of an array, a list, or numbers of any kind.
+
+    Raises:
+        InputError: for what is no array of real numbers.
+    """
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise _no_array(name) from error
+    _require_real(array.dtype, name)
+    return np.array(array, np.float64)
+
+
+def as_numbers(value: Any, name: str) -> Shaped[Array, "*shape"]:
+    """A JAX array of real numbers of their own type; tracers pass.
+
+    Raises:
+        InputError: for what is no array of real numbers.
+    """
+    try:
+        array = jnp.asarray(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise _no_array(name) from error
+    _require_real(array.dtype, name)
+    return array
+
+
+def as_floats(value: Any, name: str) -> Shaped[Array, "*shape"]:
+    """`as_numbers` in floating point: whole numbers in JAX's default precision, half precision in single.
+
+    Raises:
+        InputError: for what is no array of real numbers.
+    """
+    array = as_numbers(value, name)
+    if not jnp.issubdtype(array.dtype, jnp.floating):
+        return array.astype(jnp.result_type(float))
+    return array.astype(jnp.promote_types(array.dtype, jnp.float32))
+
+
+def is_known(*values: Any) -> bool:
+    """Whether all numbers can be looked at: not traced, as inside `jit` and `vmap`."""
+    return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
+
+
+def _require_real(kind: Any, name: str) -> None:
+    if not (jnp.issubdtype(kind, jnp.floating) or jnp.issubdtype(kind, jnp.integer) or jnp.issubdtype(kind, jnp.bool_)):
+        raise InputError(f"{name} is of type {kind}; give real numbers.")
+
+
+def _no_array(name: str) -> InputError:
+    return InputError(f"{name} is no array of numbers; give real numbers in rows of equal length.")
