@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from iwalker_jax.checks import require_plain_numbers, require_range
+from iwalker_jax.checks import require_numbers, require_plain_numbers, require_range
 from iwalker_jax.errors import InputError
 
 
@@ -29,7 +29,7 @@ class Intrinsics:
     cy: float = 44.5
 
     def __post_init__(self) -> None:
-        require_plain_numbers(self)
+        require_numbers(self)
         values = (self.fx, self.fy, self.cx, self.cy)
         if self.width < 2 or self.height < 2:
             raise InputError(f"Image size must be at least 2 x 2 px, got {self.width} x {self.height}.")
@@ -40,6 +40,7 @@ class Intrinsics:
                 f"The principal point ({self.cx}, {self.cy}) px lies far outside the {self.width} x {self.height} "
                 "image; check that the intrinsics belong to this resolution."
             )
+        require_plain_numbers(self)
 
     def rays(self) -> Float[Array, "height width 3"]:
         """Ray through each pixel in the camera's optical frame (x right, y down, z forward), scaled to z = 1."""
@@ -68,7 +69,7 @@ class CameraMount:
     left: float = 0.0
 
     def __post_init__(self) -> None:
-        require_plain_numbers(self)
+        require_numbers(self)
         require_range(self, "height", 0.01, 10.0, "m")
         require_range(self, "pitch", -math.pi / 2, math.pi / 2, "rad")
         require_range(self, "roll", -math.pi, math.pi, "rad")

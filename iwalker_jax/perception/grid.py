@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from iwalker_jax.checks import require_plain_numbers
+from iwalker_jax.checks import require_numbers, require_plain_numbers
 from iwalker_jax.errors import InputError
 
 
@@ -31,12 +31,13 @@ class GridSpec:
     columns: int = 160
 
     def __post_init__(self) -> None:
-        require_plain_numbers(self)
+        require_numbers(self)
         if not self.resolution > 0 or self.rows < 2 or self.columns < 2:
             raise InputError(
                 f"GridSpec needs resolution > 0 and at least 2 x 2 cells, got {self.resolution} m and "
                 f"{self.rows} x {self.columns}."
             )
+        require_plain_numbers(self)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bruce_model import load_mujoco
-from iwalker_jax.checks import require_plain_numbers
+from iwalker_jax.checks import require_numbers
 from iwalker_jax.control import (
     FootstepPlan,
     GaitParameters,
@@ -65,7 +65,7 @@ class Motion:
     def __post_init__(self) -> None:
         if self.kind not in get_args(MotionKind):
             raise InputError(f"Unknown motion {self.kind!r}; choose one of {', '.join(get_args(MotionKind))}.")
-        require_plain_numbers(self)
+        require_numbers(self)
         if not (self.file is None or isinstance(self.file, (str, PathLike))):
             raise InputError(f"The motion's file is {self.file!r:.40}; give the path of one.")
         bounds = {

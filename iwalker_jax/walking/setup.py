@@ -10,7 +10,7 @@ import numpy as np
 
 from bruce_model import load_mujoco
 from iwalker_jax.arrays import as_doubles
-from iwalker_jax.checks import require_plain_numbers, require_whole
+from iwalker_jax.checks import require_numbers, require_whole
 from iwalker_jax.control import GaitParameters, make_controller
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import SensorNoise
@@ -80,7 +80,7 @@ class Disturbances:
     delay: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
-        require_plain_numbers(self)
+        require_numbers(self)
         for name in ("friction", "delay"):
             shape = as_doubles(getattr(self, name), f"Disturbances.{name}").shape
             if shape != (2,):

@@ -46,7 +46,7 @@ class Door:
         poison: entries that no array of the call may hold.
         others: broken values of the other arguments, by name.
         lengthy: arrays that may have more rows or fewer.
-        other_type: in which the same numbers may come too, rounded if need be.
+        other_types: in which the same numbers may come too, rounded if need be; each is compiled for.
         tolerance: of equal results.
     """
 
@@ -57,7 +57,7 @@ class Door:
     poison: tuple[float, ...] = (np.nan, np.inf, -np.inf)
     others: dict[str, tuple[Any, ...]] = field(default_factory=dict)
     lengthy: tuple[str, ...] = ()
-    other_type: str = "float16"
+    other_types: tuple[str, ...] = ()
     tolerance: float = 1e-3
 
 
@@ -133,7 +133,6 @@ def doors() -> dict[str, Door]:
     return {
         "solve_qp": Door(
             compiled(solved), program, tuple(program), oracles.optimal_program, (np.nan,), dict([modes]),
-            other_type="int32",
         ),
         "solve_unicycle": Door(
             compiled(iw.solve_unicycle), {"reference": path, "initial_state": state, "weights": weights},
@@ -142,7 +141,7 @@ def doors() -> dict[str, Door]:
         ),
         "solve_step_mpc": Door(
             compiled(iw.solve_step_mpc), {"footsteps": steps, "initial_state": gait}, ("footsteps", "initial_state"),
-            oracles.summed_steps, others=dict([modes]), lengthy=("footsteps",), other_type="int32",
+            oracles.summed_steps, others=dict([modes]), lengthy=("footsteps",), other_types=("int32", "float16"),
         ),
         "solve_bounded_step_mpc": Door(
             compiled(iw.solve_bounded_step_mpc),
@@ -211,7 +210,7 @@ def broken_array(door: Door, name: str, rng: np.random.Generator) -> tuple[str, 
     elif way == 3:
         what, changed, expected = f"{name} as a list", value.tolist(), "same"
     elif way == 4 and value.dtype != bool:
-        kind = str(rng.choice([*OTHER_TYPES, door.other_type]))
+        kind = str(rng.choice([*OTHER_TYPES, *door.other_types]))
         others = {other: of_type(np.asarray(door.arguments[other]), kind) for other in door.arrays}
         return f"all as {kind}", door.arguments | others, "same"
     elif value.dtype == bool:
@@ -298,7 +297,7 @@ def knock(name: str, rng: np.random.Generator, folder: Path) -> str | None:
 def prepare() -> None:
     """Compile every function once, for the types that are taken as they are."""
     for door in doors().values():
-        for kind in (OTHER_TYPES[0], door.other_type):
+        for kind in (OTHER_TYPES[0], *door.other_types):
             arrays = {name: np.asarray(door.arguments[name]) for name in door.arrays}
             known = {name: array if array.dtype == bool else of_type(array, kind) for name, array in arrays.items()}
             with contextlib.suppress(iw.InputError):
