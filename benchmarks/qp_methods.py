@@ -21,9 +21,9 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 import scipy.sparse as sparse  # noqa: E402
 
-import iwalker_jax as iw  # noqa: E402
 from benchmarks.problems.whole_body_qps import WholeBodyQps, whole_body_qps  # noqa: E402
 from benchmarks.timing import in_turns  # noqa: E402
+from iwalker_jax.api import walk  # noqa: E402
 from iwalker_jax.optimization import (  # noqa: E402
     QpMethod,
     QpPoint,
@@ -127,7 +127,7 @@ def print_walks(robots: int, seed: int) -> None:
     for name, disturbances in walks.items():
         for method in METHODS:
             motion = Motion("straight", speed=0.1, seconds=8.0)
-            result = iw.walk(motion, robots, disturbances=disturbances, solver=method, seed=seed)
+            result = walk(motion, robots, disturbances=disturbances, solver=method, seed=seed)
             fell = sum(metrics.fallen for metrics in result.metrics)
             failures = np.mean([metrics.qp_failures for metrics in result.metrics])
             off = 100 * np.mean(np.concatenate([metrics.footstep_errors for metrics in result.metrics]))

@@ -38,6 +38,7 @@ WALKS: dict[str, tuple[Any, ...]] = {
     "robots": (0, -1, 10**9, 1.5, "x", None, NAN),
     "sensors": ("all", None, 3, []),
     "engine": ("bullet", None, "", []),
+    "solver": ("simplex", "", None, 3, []),
     "seed": (-1, 2**70, 0.5, "x", None),
     "devices": (0, -1, 4096, "x", 1.5),
     "disturbances": (None, 3, {"mass": 1}),

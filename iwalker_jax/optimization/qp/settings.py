@@ -76,4 +76,4 @@ def control_settings(method: QpMethod = "active_set") -> QpSettings:
     """
     if method == "admm":
         return QpSettings(method, rounds=12, pivots=8, refinements=3, admm_iterations=25, well_posed=True)
-    return QpSettings(rounds=1, pivots=60, refinements=1, well_posed=True)
+    return QpSettings(method, rounds=1, pivots=60, refinements=1, well_posed=True)
