@@ -25,6 +25,7 @@ from iwalker_jax.navigation.faults import Faults, obstacles_at, within
 from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, Observation, guide
 from iwalker_jax.navigation.map_memory import MapMemory, empty_memory, map_cells
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
+from iwalker_jax.navigation.sightings import Sighting, deliver, start_sightings
 from iwalker_jax.navigation.step_planning import (
     PursuitParameters,
     Stance,
@@ -48,6 +49,7 @@ class LoopParameters:
     Attributes:
         ticks_per_check: control ticks from one check whether new footsteps are due to the next.
         checks_per_frame: such checks in a camera frame.
+        latency_frames: camera frames from taking an image to planning on it, and on the pose at which it was taken.
         arrival_distance: [m] from which a goal counts as reached.
         progress_distance: [m] of displacement that counts as progress.
         progress_timeout: [s] without progress after which the robot gives up.
@@ -56,6 +58,7 @@ class LoopParameters:
 
     ticks_per_check: int = 11
     checks_per_frame: int = 3
+    latency_frames: int = 0
     arrival_distance: float = 0.30
     progress_distance: float = 0.30
     progress_timeout: float = 15.0
@@ -64,6 +67,8 @@ class LoopParameters:
     def __post_init__(self) -> None:
         if self.ticks_per_check < 1 or self.checks_per_frame < 1:
             raise InputError("LoopParameters needs at least one tick per check and one check per frame.")
+        if self.latency_frames < 0:
+            raise InputError("LoopParameters needs a latency of 0 or more camera frames.")
         if not min(self.arrival_distance, self.progress_distance, self.progress_timeout, self.route_timeout) > 0:
             raise InputError("LoopParameters needs positive distances [m] and times [s].")
 
@@ -118,6 +123,7 @@ class LoopState(NamedTuple):
         last_progress: (3,) x, y [m] and time [s] of the last progress.
         last_route: () [s] when the map last had a route.
         depth_camera: errors of the depth camera that last.
+        underway: images that were taken and have not arrived yet, oldest first.
     """
 
     walk: WalkState
@@ -131,6 +137,7 @@ class LoopState(NamedTuple):
     last_progress: Float[Array, "3"]
     last_route: Float[Array, ""]
     depth_camera: DepthCameraState
+    underway: tuple[Sighting, ...]
 
 
 class StepRequest(NamedTuple):
@@ -162,7 +169,7 @@ def start_episode(navigator: Navigator, task: TaskArrays, conditions: Conditions
         jnp.zeros((), jnp.int32),
         jnp.zeros((), jnp.int32),
     )
-    base = _believed_base(navigator, walk)[0]
+    base, mount, _ = _believed_base(navigator, walk)
     shape = (navigator.intrinsics.height, navigator.intrinsics.width)
     none = jnp.zeros((), jnp.int32)
     return LoopState(
@@ -177,6 +184,7 @@ def start_episode(navigator: Navigator, task: TaskArrays, conditions: Conditions
         last_progress=jnp.append(base[:2], 0.0),
         last_route=jnp.zeros((), dtype),
         depth_camera=start_depth_camera(navigator.camera, conditions.qpos, jax.random.fold_in(conditions.key, 1)),
+        underway=start_sightings(navigator.loop.latency_frames, shape, mount, base),
     )
 
 
@@ -205,12 +213,14 @@ def camera_frame(
         navigator.camera, navigator.intrinsics, navigator.noise, scene, qpos, state.depth_camera
     )
     depth = jnp.where(within(faults.blind, time), 0.0, depth)
-    depth = jnp.where(within(faults.frozen, time), state.health.last, depth)
-    health = check_camera(navigator.health, state.health, depth, speed)
-    state = state._replace(depth_camera=depth_camera, health=health)
+    last = state.underway[-1].depth if state.underway else state.health.last
+    depth = jnp.where(within(faults.frozen, time), last, depth)
+    seen, underway = deliver(state.underway, Sighting(depth, mount, believed, speed, jnp.asarray(True)))
+    health = check_camera(navigator.health, state.health, seen.depth, seen.speed)
+    state = state._replace(depth_camera=depth_camera, health=health, underway=underway)
 
     goal, arrived = _next_goal(navigator, task, state.goal, believed)
-    observation = Observation(depth, mount, believed, task.goals[goal])
+    observation = Observation(seen.depth, seen.mount, seen.base, task.goals[goal])
     planner = navigator.planner.merge()
     memory, guidance = guide(navigator.guidance, planner, navigator.intrinsics, state.memory, observation)
     state = state._replace(goal=goal, memory=memory)
@@ -219,6 +229,8 @@ def camera_frame(
     last_route = jnp.where(guidance.route_exists, time, state.last_route)
     stuck = stuck | (time - last_route > navigator.loop.route_timeout)
     stop = state.health.failed | arrived | stuck
+    if underway:
+        stop = stop | ~seen.taken
     if navigator.pursuit is not None:
         stop = stop | has_nothing_to_do(navigator.pursuit, guidance.path, guidance.face_point, believed)
     request = StepRequest(guidance, stop)
@@ -239,7 +251,7 @@ def camera_frame(
     # An ended episode is frozen, so that it costs its neighbours nothing and can be looked at as it ended.
     ended = outcome != Outcome.RUNNING
     state = state._replace(outcome=outcome, walk=state.walk._replace(fallen=state.walk.fallen | ended))
-    record = _record(navigator, state, believed, request, samples, jnp.min(clearances), depth if images else None)
+    record = _record(navigator, state, seen, request, samples, jnp.min(clearances), images)
     return state, record
 
 
@@ -351,17 +363,17 @@ def _with_footsteps(navigator: Navigator, request: StepRequest, state: LoopState
 def _record(
     navigator: Navigator,
     state: LoopState,
-    believed: Array,
+    seen: Sighting,
     request: StepRequest,
     samples: Sample,
     clearance: Array,
-    depth: Array | None,
+    images: bool,
 ) -> EpisodeRecord:
     physics = state.walk.physics
     R_world_camera, _ = camera_in_world(navigator.camera, physics.qpos)
     base = base_pose(R_world_camera, samples.com[-1, -1])
     cells = jnp.zeros((0, 0), jnp.int8)
-    if depth is not None:
+    if images:
         cells = map_cells(navigator.guidance.memory, state.memory)
     share = jnp.max(samples.torques / navigator.walker.controller.actuation.limits)
     return EpisodeRecord(
@@ -370,7 +382,7 @@ def _record(
         goal=state.goal,
         qpos=physics.qpos,
         base=base,
-        believed=believed,
+        believed=seen.base,
         feet=samples.feet[-1, -1],
         path=request.guidance.path,
         footsteps=state.plan.positions,
@@ -380,6 +392,6 @@ def _record(
         detour=request.guidance.detour,
         torque_share=share,
         qp_failures=jnp.sum(samples.qp_failures),
-        depth=jnp.zeros((0, 0), jnp.float16) if depth is None else depth.astype(jnp.float16),
+        depth=seen.depth.astype(jnp.float16) if images else jnp.zeros((0, 0), jnp.float16),
         cells=cells,
     )

@@ -79,7 +79,8 @@ class EpisodeRecord(NamedTuple):
         cells: (n, n) `MapCell`s of its remembered map, a window with the world's axes around the believed base; both
             only where images are kept, else empty.
 
-    What the planner saw and planned (`believed`, `path`, `depth`) belong to the frame's start, the rest to its end.
+    What the planner saw (`believed`, `depth`) belongs to when the image that it plans on was taken: the frame's
+    start, or as many frames earlier as images are late; `path` belongs to the frame's start, the rest to its end.
     """
 
     time: Float[Array, "*n"]

@@ -142,10 +142,16 @@ def mapped(parameters: MapMemoryParameters) -> Any:
 def framed(**changes: Any) -> Any:
     """A camera frame of an episode from its start."""
     changed = dataclasses.replace(navigator(), **changes)
+    task, conditions, state = started(changed)
+    return camera_frame(changed, task, conditions, make_faults(), state, False)
+
+
+def started(robot: Navigator) -> tuple[Any, Any, Any]:
+    """A task, the conditions that it meets, and its episode's start."""
     task = Task("to the end", ROOM, (0.0, 0.0, 0.0), np.array([[1.5, 0.0]]), 9.0)
     arrays = jax.tree.map(lambda leaf: leaf[0], stack_tasks([task]))
     conditions = jax.tree.map(lambda leaf: leaf[0], conditions_of(Disturbances()))
-    return camera_frame(changed, arrays, conditions, make_faults(), start_episode(changed, arrays, conditions), False)
+    return arrays, conditions, start_episode(robot, arrays, conditions)
 
 
 @cache
@@ -214,7 +220,13 @@ PROBES = {
             lambda c: dataclasses.replace(navigator(), loop=c).frame_time,
             LoopParameters(),
             traced=False,
-            only=fields_of(LoopParameters, int),
+            only=("ticks_per_check", "checks_per_frame"),
+        ),
+        Probe(
+            lambda c: len(started(dataclasses.replace(navigator(), loop=c))[2].underway),
+            LoopParameters(),
+            traced=False,
+            only=("latency_frames",),
         ),
     ),
     Disturbances: (
