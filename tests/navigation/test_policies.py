@@ -1,6 +1,6 @@
 """Each policy walks one short task. Oracle: the simulated robot's true state and the scene's own distances.
 
-`default` walks in `test_closed_loop`, where more is asked of it; `published` has no feedback and falls after some steps.
+`default` walks in `test_closed_loop`, where more is asked of it; `published` has no feedback and falls soon.
 """
 
 import numpy as np
