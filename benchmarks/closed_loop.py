@@ -1,13 +1,15 @@
 """Where the closed loop's time goes, how fast whole episodes are, and what each part takes for one robot.
 
-Run with `python -m benchmarks.closed_loop [--episodes 64] [--seconds 30] [--devices 2] [--run runs/default]`. Episodes
-are walked from a compiled program; compilation is reported apart. Times are the best of several calls: the
-machine's, not its neighbours'.
+Run with `python -m benchmarks.closed_loop [--episodes 64] [--seconds 30] [--batches 3] [--devices 2]
+[--run runs/default] [--study]`. Episodes are walked from a compiled program; compilation is reported apart. Times of
+parts are the best of several calls: the machine's, not its neighbours'. A study of several batches is walked batch
+after batch, and in one run in which an episode begins where one has ended.
 """
 
 import argparse
 import dataclasses
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,7 @@ from iwalker_jax.navigation import (  # noqa: E402
     EpisodeProgram,
     LoopState,
     Navigator,
+    TaskBatch,
     body_clearance_at,
     camera_in_world,
     make_faults,
@@ -237,31 +240,65 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
         print(f"{name:<30} {each:>10.0f} Hz")
 
 
+def generated(count: int, seconds: float) -> list[Task]:
+    """Generated tasks of at most some seconds each."""
+    return [dataclasses.replace(task, time_limit=seconds) for task in generated_tasks(count)]
+
+
+def print_episodes(navigator: Navigator, count: int, seconds: float, devices: int | None) -> None:
+    """How fast one batch of episodes is walked."""
+    program = EpisodeProgram(navigator, count, devices)
+    record = program.run(generated(count, seconds))
+    # An episode that has ended costs as much as the others of its batch until the last one ends.
+    ends = np.max(record.time, axis=1)
+    walked, computed = (float(s) / program.run_seconds for s in (np.sum(ends), count * np.max(ends)))
+    print(
+        f"\n{count} episodes of up to {seconds:g} s: {program.run_seconds:.1f} s, {walked:.1f} robot-seconds walked a "
+        f"second, {computed:.1f} computed; {program.compile_seconds:.1f} s to compile"
+    )
+
+
+def print_study(navigator: Navigator, count: int, width: int, seconds: float, devices: int | None) -> None:
+    """How fast a study of several batches is walked: batch after batch, and in one run of all."""
+    program = EpisodeProgram(navigator, width, devices)
+    tasks = generated(count * width, seconds)
+    batches = [TaskBatch(tasks[k * width : (k + 1) * width], seed=k) for k in range(count)]
+    program.run(generated(1, 0.1))  # compiled before it is timed
+    began = time.perf_counter()
+    apart = [program.run(batch.tasks, batch.seed) for batch in batches]
+    apart_seconds, began = time.perf_counter() - began, time.perf_counter()
+    together = dict(program.run_batches(batches))
+    together_seconds = time.perf_counter() - began
+    pairs = [pair for number, record in enumerate(apart) for pair in zip(record, together[number], strict=True)]
+    same = all(a.tobytes() == b.tobytes() for a, b in pairs)
+    walked = float(sum(np.sum(np.max(record.time, axis=1)) for record in apart))
+    print(
+        f"\nA study of {count} batches of {width} episodes of up to {seconds:g} s, {walked:.0f} robot-seconds in all: "
+        f"batch after batch {walked / apart_seconds:.1f} walked a second ({apart_seconds:.1f} s), in one run "
+        f"{walked / together_seconds:.1f} ({together_seconds:.1f} s); records {'equal' if same else 'differ'}"
+    )
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description="Time the closed loop.")
     parser.add_argument("--episodes", type=int, default=64)
     parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--batches", type=int, default=3)
     parser.add_argument("--devices", type=int, default=None)
     parser.add_argument("--run", type=Path, default=None)
+    parser.add_argument("--study", action="store_true", help="time the study of several batches only")
     options = parser.parse_args()
     planner = planner_of(options.run)[0]
     navigator = make_navigator("default", planner)
     print(machine())
-    print_latency(navigator, planner)
-    print_parts(parts_of(Setting(navigator, generated_tasks(1))), "One robot")
-    print_parts(parts_of(Setting(navigator, generated_tasks(16))), "A batch of 16 on one device")
-    for count in (1, options.episodes):
-        tasks = [dataclasses.replace(task, time_limit=options.seconds) for task in generated_tasks(count)]
-        program = EpisodeProgram(navigator, count, 1 if count == 1 else options.devices)
-        record = program.run(tasks)
-        # An episode that has ended costs as much as the others of its group until the last one ends.
-        ends = np.max(record.time, axis=1)
-        walked, computed = (float(s) / program.run_seconds for s in (np.sum(ends), count * np.max(ends)))
-        print(
-            f"\n{count} episodes of up to {options.seconds:g} s: {program.run_seconds:.1f} s, {walked:.1f} "
-            f"robot-seconds walked a second, {computed:.1f} computed; {program.compile_seconds:.1f} s to compile"
-        )
+    if not options.study:
+        print_latency(navigator, planner)
+        print_parts(parts_of(Setting(navigator, generated_tasks(1))), "One robot")
+        print_parts(parts_of(Setting(navigator, generated_tasks(16))), "A batch of 16 on one device")
+        print_episodes(navigator, 1, options.seconds, 1)
+        print_episodes(navigator, options.episodes, options.seconds, options.devices)
+    print_study(navigator, options.batches, options.episodes, options.seconds, options.devices)
 
 
 if __name__ == "__main__":

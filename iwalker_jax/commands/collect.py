@@ -21,13 +21,19 @@ from iwalker_jax.commands.shared.console import (
 from iwalker_jax.commands.shared.planners import planner_of
 from iwalker_jax.data import FrameSet, concatenate, frames_from_episodes, load_frames, save_frames
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation import POLICIES, EpisodeProgram, Outcome, make_navigator
+from iwalker_jax.navigation import POLICIES, EpisodeProgram, Outcome, RunProgress, TaskBatch, make_navigator
 from iwalker_jax.runtime import write_json
 from iwalker_jax.runtime.devices import chosen_devices
 from iwalker_jax.runtime.files import first_line, part_of, require_writable
 from iwalker_jax.runtime.locks import exclusive
 from iwalker_jax.streams import COLLECTION_TASKS
 from iwalker_jax.tasks import training_task
+
+Part = tuple[FrameSet, list[str]]
+"""Frames of a batch, and how its episodes ended."""
+
+_TOGETHER = 3
+"""Batches of one run; the images of one that has begun are in memory until its last episode has ended."""
 
 
 @dataclass(frozen=True)
@@ -84,35 +90,50 @@ def collect(command: Command) -> None:
     program = EpisodeProgram(navigator, min(command.width, command.tasks), command.devices, images=True)
     with exclusive(command.out.with_suffix(".lock"), command.out):
         folder = parts_folder(command, name, program.width)
-        parts: list[FrameSet] = []
-        ends: Counter[str] = Counter()
+        firsts = range(0, command.tasks, program.width)
+        found = {first: finished_part(part_file(folder, first)) for first in firsts}
+        parts = {first: part for first, part in found.items() if part is not None}
+        missing = [first for first in firsts if first not in parts]
         with progress_bar("episodes", command.tasks) as show:
-            for first in range(0, command.tasks, program.width):
-                file, numbers = folder / f"{first}.npz", range(first, min(first + program.width, command.tasks))
-                part = finished_part(file)
-                if part is None:
-                    tasks = [training_task(COLLECTION_TASKS.number(command.seed, k)) for k in numbers]
-                    tasks = [dataclasses.replace(task, time_limit=command.seconds) for task in tasks]
-                    seed = command.seed + first
-                    record = program.run(tasks, seed=seed)
+            for k in range(0, len(missing), _TOGETHER):
+                begun = missing[k : k + _TOGETHER]
+                batches = [collection_batch(command, first, program.width) for first in begun]
+                before = sum(len(part[1]) for part in parts.values())
+
+                def report(progress: RunProgress, before: int = before) -> None:
+                    show(before + progress.ended, f"{progress.running} running")
+
+                for number, record in program.run_batches(batches, report):
+                    first, (tasks, seed, _) = begun[number], batches[number]
                     names = [Outcome(int(last)).word for last in record.outcome[:, -1]]
-                    write_json(file.with_suffix(".json"), names)
+                    write_json(part_file(folder, first).with_suffix(".json"), names)
                     kept = frames_from_episodes(
                         navigator.camera, navigator.intrinsics, tasks, record, command.stride, seed
                     )
-                    save_frames(kept, file)
-                    part = kept, names
-                parts.append(part[0])
-                ends.update(part[1])
-                show(numbers[-1] + 1)
-        frames = concatenate(parts)
+                    save_frames(kept, part_file(folder, first))
+                    parts[first] = kept, names
+            show(command.tasks)
+        frames = concatenate([parts[first][0] for first in firsts])
         save_frames(frames, command.out)
         shutil.rmtree(folder)
+        ends = Counter(end for _, names in parts.values() for end in names)
         counts = ", ".join(f"{ends[end]} {end}" for end in sorted(ends))
         say(f"{len(frames)} frames of {command.tasks} episodes ({counts}) are in {command.out}.")
 
 
-def finished_part(file: Path) -> tuple[FrameSet, list[str]] | None:
+def collection_batch(command: Command, first: int, width: int) -> TaskBatch:
+    """The batch of at most `width` tasks that begins with task `first`."""
+    numbers = range(first, min(first + width, command.tasks))
+    tasks = [training_task(COLLECTION_TASKS.number(command.seed, k)) for k in numbers]
+    return TaskBatch([dataclasses.replace(task, time_limit=command.seconds) for task in tasks], command.seed + first)
+
+
+def part_file(folder: Path, first: int) -> Path:
+    """Where the frames of the batch that begins with task `first` are kept."""
+    return folder / f"{first}.npz"
+
+
+def finished_part(file: Path) -> Part | None:
     """Frames of a finished batch and how its episodes ended; None if it is to be recorded, or recorded anew."""
     if not file.exists():
         return None

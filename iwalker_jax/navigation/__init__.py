@@ -4,7 +4,7 @@ from iwalker_jax.navigation.body_volume import BodyVolume, body_clearance, body_
 from iwalker_jax.navigation.camera import RobotCamera, base_pose, camera_in_world, load_camera, measured_mount
 from iwalker_jax.navigation.camera_health import HealthParameters
 from iwalker_jax.navigation.closed_loop import LoopParameters, LoopState, Navigator, run_episode, start_episode
-from iwalker_jax.navigation.episodes import EpisodeProgram, place_at
+from iwalker_jax.navigation.episodes import EpisodeProgram, RunProgress, TaskBatch, place_at
 from iwalker_jax.navigation.faults import Faults, make_faults
 from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, Observation, guide
 from iwalker_jax.navigation.map_memory import MapCell, MapMemory, MapMemoryParameters
@@ -34,6 +34,8 @@ __all__ = [
     "Outcome",
     "PursuitParameters",
     "RobotCamera",
+    "RunProgress",
+    "TaskBatch",
     "base_pose",
     "body_clearance",
     "body_clearance_at",

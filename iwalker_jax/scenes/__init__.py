@@ -29,6 +29,7 @@ from iwalker_jax.scenes.scene import (
     Scene,
     SceneArrays,
     SceneCapacity,
+    common_capacity,
     obstacle_distance,
     stack_scenes,
 )
@@ -53,6 +54,7 @@ __all__ = [
     "SceneArrays",
     "SceneCapacity",
     "add_depth_noise",
+    "common_capacity",
     "cost_at",
     "demonstration_scene",
     "free_cells",

@@ -156,15 +156,28 @@ def _padded(rows: Float[np.ndarray, "n k"], capacity: int) -> Float[np.ndarray, 
     return padded
 
 
-def stack_scenes(scenes: Sequence[Scene]) -> SceneArrays:
-    """The arrays of several scenes, in the shape of the largest, with a leading scene axis, ready for `jax.vmap`.
+def common_capacity(scenes: Sequence[Scene]) -> SceneCapacity:
+    """The smallest of `SCENE_CAPACITIES` that holds every one of at least one scene.
+
+    Raises:
+        InputError: for a scene with too many geoms.
+    """
+    return max((scene.capacity for scene in scenes), key=SCENE_CAPACITIES.index)
+
+
+def stack_scenes(scenes: Sequence[Scene], capacity: SceneCapacity | None = None) -> SceneArrays:
+    """The arrays of several scenes with a leading scene axis, ready for `jax.vmap`.
+
+    Args:
+        scenes: at least one.
+        capacity: one that holds them all; by default the smallest that does.
 
     Raises:
         InputError: for an empty sequence or a scene with too many geoms.
     """
     if not scenes:
         raise InputError("stack_scenes needs at least one scene.")
-    capacity = max((scene.capacity for scene in scenes), key=SCENE_CAPACITIES.index)
+    capacity = common_capacity(scenes) if capacity is None else capacity
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *[scene.arrays(capacity) for scene in scenes])
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from iwalker_jax.arrays import as_doubles
 from iwalker_jax.errors import InputError
-from iwalker_jax.scenes import Scene, SceneArrays, stack_scenes
+from iwalker_jax.scenes import Scene, SceneArrays, SceneCapacity, stack_scenes
 
 GOAL_CAPACITY = 6
 """Goals of one task at most, so that the tasks of a batch have one shape."""
@@ -74,11 +74,11 @@ class TaskArrays(NamedTuple):
     time_limit: Float[Array, "*batch"]
 
 
-def stack_tasks(tasks: list[Task]) -> TaskArrays:
-    """The arrays of several tasks, batch first."""
+def stack_tasks(tasks: list[Task], capacity: SceneCapacity | None = None) -> TaskArrays:
+    """The arrays of several tasks, batch first; their scenes have the shape of a capacity, as in `stack_scenes`."""
     goals = np.stack([task.goals[np.minimum(np.arange(GOAL_CAPACITY), len(task.goals) - 1)] for task in tasks])
     return TaskArrays(
-        stack_scenes([task.scene for task in tasks]),
+        stack_scenes([task.scene for task in tasks], capacity),
         jnp.asarray([task.start for task in tasks], float),
         jnp.asarray(goals, float),
         jnp.asarray([len(task.goals) for task in tasks], jnp.int32),

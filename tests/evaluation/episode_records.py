@@ -4,6 +4,7 @@ import numpy as np
 
 from bruce_model import crouch_qpos
 from iwalker_jax.geometry import Side
+from iwalker_jax.navigation.episodes import RunProgress
 from iwalker_jax.navigation.map_memory import MapCell
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.scenes.scene import Scene
@@ -120,3 +121,11 @@ class StubProgram:
             parts.append(make_record(corners, (outcome,), seconds=4.0, images=self.images))
             on_progress(4.0 * (number + 1), len(tasks) - number - 1)
         return EpisodeRecord(*(np.concatenate(leaves) for leaves in zip(*parts)))
+
+    def run_batches(self, batches, on_progress=lambda progress: None):
+        ended = 0
+        for number, batch in enumerate(batches):
+            record = self.run(batch.tasks, batch.seed)
+            ended += len(batch.tasks)
+            on_progress(RunProgress(4.0 * ended, ended, 0))
+            yield number, record

@@ -7,6 +7,7 @@ import pytest
 
 from iwalker_jax.commands import collect
 from iwalker_jax.data.frame_set import FrameSet, load_frames
+from iwalker_jax.navigation.episodes import RunProgress
 from iwalker_jax.navigation.record import Outcome
 from iwalker_jax.perception import Intrinsics
 from tests.evaluation.episode_records import make_task
@@ -29,6 +30,11 @@ def run_seeds(monkeypatch):
             if seed == 4 and seeds.count(4) == 1:
                 raise KeyboardInterrupt
             return SimpleNamespace(outcome=np.array([[Outcome.RUNNING, Outcome.REACHED]] * len(tasks)))
+
+        def run_batches(self, batches, on_progress):
+            for number, batch in enumerate(batches):
+                on_progress(RunProgress(0.0, 0, len(batch.tasks)))
+                yield number, self.run(batch.tasks, batch.seed)
 
     def frames(camera, intrinsics, tasks, record, stride, seed):
         n = len(tasks)

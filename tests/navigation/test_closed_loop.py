@@ -4,11 +4,13 @@ One compiled program walks all of them at once; each test looks at its own row. 
 state.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.episodes import EpisodeProgram
+from iwalker_jax.navigation.episodes import EpisodeProgram, TaskBatch
 from iwalker_jax.navigation.faults import make_faults
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.navigation.record import Outcome
@@ -44,10 +46,14 @@ EPISODES = {
 
 
 @pytest.fixture(scope="module")
-def record():
+def program():
+    """What walks all episodes at once, on all devices."""
+    return EpisodeProgram(make_navigator("default", load_planner()[0]), len(EPISODES))
+
+
+@pytest.fixture(scope="module")
+def record(program):
     """All episodes, by name: the record's row."""
-    navigator = make_navigator("default", load_planner()[0])
-    program = EpisodeProgram(navigator, len(EPISODES))
     tasks, faults = zip(*EPISODES.values(), strict=True)
     rows = program.run(tasks, seed=3, faults=faults)
     return {name: type(rows)(*(leaf[k] for leaf in rows)) for k, name in enumerate(EPISODES)}
@@ -102,6 +108,45 @@ def test_finished_episodes_stay_as_they_ended(record):
     row = record["plain"]
     over = np.flatnonzero(row.outcome == Outcome.REACHED)
     np.testing.assert_array_equal(row.qpos[over], np.broadcast_to(row.qpos[over[0]], row.qpos[over].shape))
+
+
+def test_episodes_are_the_same_where_they_begin_in_rows_of_ended_ones(program):
+    """Oracle: batches walked one after the other; bit for bit, whoever walks before and beside."""
+    names = tuple(EPISODES)
+
+    def batch(seed: int, *limits: float) -> TaskBatch:
+        chosen = [EPISODES[names[(seed + k) % len(names)]] for k in range(len(limits))]
+        tasks = [dataclasses.replace(own, time_limit=limit) for (own, _), limit in zip(chosen, limits, strict=True)]
+        return TaskBatch(tasks, seed, [faults for _, faults in chosen])
+
+    batches = [
+        batch(1, 1.0, 7.5, 2.5, 0.5, 5.0, 3.0, 1.0, *[0.5] * (program.width - 7)),
+        batch(2, 5.0, 1.0),
+        batch(3, 3.0, 1.0, 3.0, 5.0),
+        # One more than there are rows, so that it begins after another of its own batch.
+        batch(4, *[1.5] * (program.width + 1)),
+    ]
+    apart, heard, stretches = [], [], []
+    for each in batches:
+        apart.append(program.run(each.tasks, each.seed, each.faults, lambda *progress: stretches.append(progress)))
+    together = dict(program.run_batches(batches, heard.append))
+    assert sorted(together) == [0, 1, 2, 3]
+    assert heard[-1].ended == sum(len(each.tasks) for each in batches) and heard[-1].running == 0
+    assert len(heard) < len(stretches) and heard[-1].seconds == pytest.approx(stretches_walked(apart, program))
+    for number, record in enumerate(apart):
+        assert record.outcome.shape[0] == len(batches[number].tasks)
+        for before, after in zip(record, together[number], strict=True):
+            np.testing.assert_array_equal(after, before)
+    first = program.run(batches[0].tasks[:1], batches[0].seed, batches[0].faults[:1])
+    frames = first.outcome.shape[1]
+    for alone, among in zip(first, together[0], strict=True):
+        np.testing.assert_array_equal(among[:1, :frames], alone)
+
+
+def stretches_walked(records, program) -> float:
+    """[s] of all stretches that the episodes of some records have begun."""
+    frames = np.concatenate([np.argmax(record.outcome != Outcome.RUNNING, axis=1) + 1 for record in records])
+    return float(np.sum(-(-frames // program.frames))) * program.frames * program.navigator.frame_time
 
 
 def test_wrong_requests_are_one_sentence():

@@ -19,7 +19,7 @@ from iwalker_jax.scenes.grid_distance import distance_up_to, scene_grid
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene
 from iwalker_jax.scenes.mjcf import load_mujoco_scene, mujoco_ray_depth
 from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
-from iwalker_jax.scenes.scene import LARGEST, SCENE_CAPACITIES, SMALL, Scene, stack_scenes
+from iwalker_jax.scenes.scene import LARGEST, SCENE_CAPACITIES, SMALL, Scene, common_capacity, stack_scenes
 from iwalker_jax.tasks.reachability import check_task
 from iwalker_jax.tasks.routes import comfortable_route, single_precision
 from iwalker_jax.tasks.task import Task
@@ -43,6 +43,7 @@ def test_arrays_are_as_small_as_the_scene_allows(floor):
     wide = dataclasses.replace(small, bounds=floor.bounds)
     assert wide.capacity == SCENE_CAPACITIES[1] and scene_grid(wide.arrays()).shape == (512, 512)
     assert stack_scenes([small, floor]).boxes.shape == (2, 512, 7)
+    assert stack_scenes([small], common_capacity([small, floor])).boxes.shape == (1, 512, 7)
     assert LARGEST.extent >= 50
 
 

@@ -1,11 +1,13 @@
-"""Closed-loop studies: every policy runs every set of episodes in batches; a stopped study goes on where it was."""
+"""Closed-loop studies: every policy runs every set of episodes in batches; a stopped study goes on where it was.
+
+The batches of a policy are walked in one run, in which no robot waits for the others of its batch.
+"""
 
 import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -25,7 +27,7 @@ from iwalker_jax.evaluation.episodes.schedule import (
 )
 from iwalker_jax.evaluation.episodes.tables import episode_table
 from iwalker_jax.evaluation.episodes.traces import draw_sheets, has_traces, save_traces, traces_file
-from iwalker_jax.navigation import EpisodeRecord
+from iwalker_jax.navigation import EpisodeRecord, RunProgress, TaskBatch
 from iwalker_jax.runtime import barrier, is_first
 from iwalker_jax.runtime.locks import exclusive
 from iwalker_jax.tasks import Task
@@ -47,6 +49,10 @@ class EpisodeRunner(Protocol):
         self, tasks: Sequence[Task], seed: int = 0, *, on_progress: Callable[[float, int], None]
     ) -> EpisodeRecord: ...
 
+    def run_batches(
+        self, batches: Sequence[TaskBatch], on_progress: Callable[[RunProgress], None]
+    ) -> Iterator[tuple[int, EpisodeRecord]]: ...
+
 
 MakeRunner = Callable[[str, int, bool], EpisodeRunner]
 """What runs a policy, for a number of episodes at a time, with images recorded or not."""
@@ -59,7 +65,7 @@ _FIGURES = "figures, tables and sheets"
 
 
 class StudyProgress(NamedTuple):
-    """How far a study is: episodes done of all, whose policy, and how many of the batch are still running."""
+    """How far a study is: episodes done of all, whose policy, and how many are under way."""
 
     done: int
     total: int
@@ -101,6 +107,18 @@ class Study:
         self.seconds["compiling"] = self.seconds.get("compiling", 0.0) + compiling
         self.seconds["running episodes"] -= compiling
 
+    def finished_batches(
+        self, runner: EpisodeRunner, batches: Sequence[TaskBatch], on_progress: Callable[[RunProgress], None]
+    ) -> Iterator[tuple[int, EpisodeRecord]]:
+        """What `run_batches` hands out; the time between two of them counts as running episodes."""
+        finished = runner.run_batches(batches, on_progress)
+        while True:
+            with self.running(runner):
+                one = next(finished, None)
+            if one is None:
+                return
+            yield one
+
 
 def run_episode_study(
     settings: StudySettings,
@@ -112,9 +130,10 @@ def run_episode_study(
 ) -> Study:
     """Run every episode that the folder's log does not hold yet, and write log, tables, sheets and films.
 
-    A batch of which an episode or a trace is missing is run again, and comes out as before. After every batch the log
-    episodes.csv has grown and the table episode_table is written anew. Of several processes each runs its share and
-    logs it in a file of its own; they part at the end, and process 0 goes on alone to draw what all have run.
+    A batch of which an episode or a trace is missing is run again, and comes out as before. When the last episode of a
+    batch has ended, the log episodes.csv grows and the table episode_table is written anew. Of several processes each
+    runs its share and logs it in a file of its own; they part at the end, and process 0 goes on alone to draw what all
+    have run.
 
     Args:
         settings: what is run.
@@ -171,7 +190,7 @@ def run_batches(
     save_table: Callable[[], None],
     on_progress: Callable[[StudyProgress], None],
 ) -> None:
-    """Run batches one after the other; after each, its traces and its lines in this process's log are in the folder.
+    """Run batches; as soon as one has ended, its traces and its lines in this process's log are in the folder.
 
     Args:
         study: whose times are counted.
@@ -185,30 +204,25 @@ def run_batches(
     log = log_file(folder, jax.process_index())
     done, total = 0, sum(len(batch.episodes) for _, batch in todo)
     shortest: dict[tuple[str, int], float] = {}
-    for policy, own in itertools.groupby(todo, key=lambda pair: pair[0]):
+    for policy, pairs in itertools.groupby(todo, key=lambda pair: pair[0]):
+        own = [batch for _, batch in pairs]
         with study.timed("building policies"):
             runner = make_runner(policy, settings.width, False)
-        for _, batch in own:
-            tasks = [episode.task for episode in batch.episodes]
-            begun = StudyProgress(done, total, policy, len(tasks))
-            on_progress(begun)
-            report = partial(_report, on_progress, begun, sum(task.time_limit for task in tasks))
-            with study.running(runner):
-                record = runner.run(tasks, batch.seed, on_progress=report)
+        begun = StudyProgress(done, total, policy, max(len(batch.episodes) for batch in own))
+        on_progress(begun)
+
+        def report(progress: RunProgress, begun: StudyProgress = begun) -> None:
+            on_progress(begun._replace(done=begun.done + progress.ended, running=progress.running))
+
+        given = [TaskBatch([episode.task for episode in batch.episodes], batch.seed) for batch in own]
+        for number, record in study.finished_batches(runner, given, report):
+            batch = own[number]
             with study.timed(_FIGURES):
                 save_traces(traces_file(folder, settings, policy, batch), record)
                 append_episodes(log, _log_rows(settings, policy, batch, record, shortest))
                 save_table()
-            done += len(tasks)
-            on_progress(StudyProgress(done, total, policy, 0))
-
-
-def _report(
-    on_progress: Callable[[StudyProgress], None], begun: StudyProgress, limit: float, seconds: float, running: int
-) -> None:
-    """Progress within a batch that has begun: its episodes count by the share of their time limits [s] that is run."""
-    share = int(begun.running * min(seconds / limit, 0.99))
-    on_progress(begun._replace(done=begun.done + share, running=running))
+            done += len(batch.episodes)
+        on_progress(StudyProgress(done, total, policy, 0))
 
 
 def _log_rows(

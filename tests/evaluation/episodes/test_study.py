@@ -117,6 +117,34 @@ def test_a_stopped_study_goes_on_where_it_was(finished, tmp_path):
     np.testing.assert_equal(study.groups, whole.groups)
 
 
+def test_batches_are_kept_as_they_end_in_any_order(finished, tmp_path):
+    """Oracle: the study whose batches ended in order."""
+    _, _, whole, _, _ = finished
+
+    class LastFirst(StubProgram):
+        stopped = False
+
+        def run_batches(self, batches, on_progress=lambda progress: None):
+            for number, record in reversed(list(super().run_batches(batches, on_progress))):
+                yield number, record
+                if self.stopped:
+                    raise KeyboardInterrupt
+
+    class Stopped(LastFirst):
+        stopped = True
+
+    with pytest.raises(KeyboardInterrupt):
+        run_episode_study(SETTINGS, lambda *_: Stopped(), tmp_path, None)
+    said = []
+    study = run_episode_study(SETTINGS, lambda *_: LastFirst(), tmp_path, None, say=said.append)
+    assert "1 of 4 batches" in said[0]
+    np.testing.assert_equal(study.groups, whole.groups)
+    batch = episode_batches(SETTINGS, scheduled_episodes(SETTINGS))[1]
+    for folder in (tmp_path, finished[0]):
+        record = load_traces(traces_file(folder, SETTINGS, "default", batch))
+        np.testing.assert_allclose(record.base[0, 0, :2], batch.episodes[0].task.start[:2], atol=0.05)
+
+
 def test_other_sets_in_another_order_are_the_same_episodes(finished):
     """Oracle: the study of both sets."""
     folder, _, whole, _, _ = finished
