@@ -152,6 +152,9 @@ def load_frames(file: Path) -> FrameSet:
         missing = str(error).startswith("No such file")
         raise InputError(f"{error}; {advice.removeprefix('delete it and ') if missing else advice}.") from error
     try:
+        strange = [name for name in _ARRAYS if data[name].dtype.kind not in "fiu"]
+        if strange:
+            raise ValueError(f"{strange[0]} holds no real numbers")
         return FrameSet(
             **{name: data[name] for name in _ARRAYS},
             scene_names=tuple(json.loads(str(data["scene_names"]))),

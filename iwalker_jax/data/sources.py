@@ -62,8 +62,10 @@ def load_training_frames(
     Raises:
         InputError: if a recording is unusable, or frames of episodes were seen through another camera.
     """
+    # Read first: making the others takes a while.
+    episodes = None if source.episodes is None else load_frames(source.episodes)
     frames = _own_frames(source, camera, on_progress, say)
-    return frames if source.episodes is None else concatenate([frames, load_frames(source.episodes)])
+    return frames if episodes is None else concatenate([frames, episodes])
 
 
 def _own_frames(

@@ -56,6 +56,6 @@ def load_planner(file: Path = PRETRAINED) -> tuple[Planner, TrainConfig]:
 
 
 def _restored(array: np.ndarray, shape: tuple[int, ...]) -> jax.Array:
-    if array.shape != shape or not np.isfinite(array).all():
-        raise ValueError(f"parameters of shape {array.shape} instead of {shape}, or not finite")
+    if array.dtype.kind != "f" or array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"parameters of shape {array.shape} instead of {shape}, no real numbers, or not finite")
     return jnp.asarray(array, jnp.float32)

@@ -129,3 +129,11 @@ def test_episodes_seen_through_another_camera_are_refused(generated, cache, tmp_
     source = dataclasses.replace(SOURCE, episodes=tmp_path / "episodes.npz")
     with pytest.raises(InputError, match="cannot be trained on together"):
         load_training_frames(source, CAMERA)
+
+
+def test_frames_of_episodes_that_cannot_be_read_are_refused_before_others_are_made(tmp_path):
+    """Property: a sentence, and no progress of frames that would be thrown away."""
+    (tmp_path / "episodes.npz").write_bytes(b"no frames")
+    source = DataConfig(frames=100_000, episodes=tmp_path / "episodes.npz")
+    with pytest.raises(InputError, match=r"episodes\.npz"):
+        load_training_frames(source, Intrinsics(), lambda done, total: pytest.fail("frames are made"))
