@@ -46,6 +46,7 @@ def no_run(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
 
 
 COUNT, NONE_TOO, SEED, NAME = one_of(COUNTS, ("0",)), one_of(COUNTS), one_of(SEEDS), one_of(NAMES)
+LISTED = one_of(tuple(name for name in NAMES if name.strip() == name))  # a list may hold spaces
 TIME, SWITCH, FOLDER, RECORDING, RUN = one_of(SECONDS), one_of(SWITCHES), unwritable_folder, no_file(""), no_run
 DEVICES = one_of(COUNTS, ("0", "4096"))
 GROUP: dict[str, Values] = {
@@ -103,7 +104,7 @@ CALLED: dict[str, Called] = {
     "evaluate": Called(
         {
             "--run": RUN, "--out": FOLDER, "--scenes": one_of(NAMES[1:]), "--unseen-scenes": NONE_TOO,
-            "--data": RECORDING, "--episodes": NAME, "--count": COUNT, "--seeds": COUNT, "--policies": NAME,
+            "--data": RECORDING, "--episodes": NAME, "--count": COUNT, "--seeds": COUNT, "--policies": LISTED,
             "--depth": NAME, "--state": NAME, "--width": COUNT, "--devices": DEVICES, "--seed": SEED,
             "--checkpoint": COUNT, **GROUP,
         },
