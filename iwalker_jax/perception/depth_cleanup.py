@@ -35,7 +35,8 @@ def depth_from_uint16(image: UInt16[np.ndarray, "height width"], scale: float) -
             "save depth as a single-channel 16-bit PNG."
         )
     if as_doubles(scale, "The depth scale").shape or not _FINEST_SCALE <= scale <= 0.1:
-        advice = f"give 1/{scale:g} if this is units per metre" if 0.1 < scale < math.inf else "give 0 to 0.1"
+        units = isinstance(scale, (int, float)) and 0.1 < scale < math.inf
+        advice = f"give 1/{scale:g} if this is units per metre" if units else "give one number from 0 to 0.1"
         raise InputError(f"The depth scale is metres per unit (0.001 for millimetres), got {scale}; {advice}.")
     return image.astype(np.float32) * np.float32(scale)
 

@@ -36,6 +36,11 @@ def test_scale_is_metres_per_unit(tmp_path):
     assert read_depth(tmp_path / "tum.png", depth_scale=1 / 5000)[0, 0] == pytest.approx(2.0)
 
 
+def test_a_scale_of_several_numbers_is_one_sentence(tmp_path, unchecked_types):
+    with pytest.raises(InputError, match="give one number"):
+        write_depth(tmp_path / "depth.png", np.ones((2, 2), np.float32), depth_scale=[1.0])
+
+
 def test_another_camera_is_reprojected(tmp_path):
     write_depth(tmp_path / "depth.png", slanted(TWICE))
     seen = read_depth(tmp_path / "depth.png", TWICE)

@@ -100,9 +100,13 @@ def load_walk_table(file: Path) -> Table:
     Raises:
         InputError: a file with other columns, or lines that are damaged or were edited.
     """
-    if not file.exists():
-        return EMPTY_WALK_TABLE
-    header, *lines = read_csv_lines(read_whole(file)) or [[]]
+    try:
+        content = read_whole(file)
+    except InputError as error:
+        if str(error).startswith("No such file"):
+            return EMPTY_WALK_TABLE
+        raise InputError(f"{error}; choose another folder.") from error
+    header, *lines = read_csv_lines(content) or [[]]
     try:
         if header != [*EMPTY_WALK_TABLE.header(), CHECKSUM_TITLE]:
             raise ValueError

@@ -195,3 +195,5 @@ def test_other_tables_are_refused(tmp_path, text):
     file.write_text(text)
     with pytest.raises(InputError, match="move it away"):
         load_walk_table(file)
+    with pytest.raises(InputError, match="choose another folder"):
+        load_walk_table(tmp_path / (300 * "x"))
