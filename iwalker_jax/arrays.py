@@ -1,5 +1,6 @@
 """Arrays of real numbers from whatever callers give for them, or one sentence that says why there are none."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -16,12 +17,7 @@ def as_doubles(value: Any, name: str) -> Float[np.ndarray, "*shape"]:
     Raises:
         InputError: for what is no array of real numbers.
     """
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise _no_array(name) from error
-    _require_real(array.dtype, name)
-    return np.array(array, np.float64)
+    return np.array(_real(np.asarray, value, name), np.float64)
 
 
 def as_numbers(value: Any, name: str) -> Shaped[Array, "*shape"]:
@@ -30,12 +26,7 @@ def as_numbers(value: Any, name: str) -> Shaped[Array, "*shape"]:
     Raises:
         InputError: for what is no array of real numbers.
     """
-    try:
-        array = jnp.asarray(value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise _no_array(name) from error
-    _require_real(array.dtype, name)
-    return array
+    return _real(jnp.asarray, value, name)
 
 
 def as_floats(value: Any, name: str) -> Shaped[Array, "*shape"]:
@@ -55,10 +46,13 @@ def is_known(*values: Any) -> bool:
     return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
 
 
-def _require_real(kind: Any, name: str) -> None:
+def _real(convert: Callable[[Any], Any], value: Any, name: str) -> Any:
+    """What a conversion to an array makes of a value, if that holds real numbers."""
+    try:
+        array = convert(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name} is no array of numbers; give real numbers in rows of equal length.") from error
+    kind = array.dtype
     if not (jnp.issubdtype(kind, jnp.floating) or jnp.issubdtype(kind, jnp.integer) or jnp.issubdtype(kind, jnp.bool_)):
         raise InputError(f"{name} is of type {kind}; give real numbers.")
-
-
-def _no_array(name: str) -> InputError:
-    return InputError(f"{name} is no array of numbers; give real numbers in rows of equal length.")
+    return array

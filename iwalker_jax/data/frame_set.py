@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt16
 
-from iwalker_jax.errors import InputError
+from iwalker_jax.errors import InputError, MissingFileError
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime import read_npz, write_npz
 
@@ -145,12 +145,14 @@ def load_frames(file: Path) -> FrameSet:
     Raises:
         InputError: if the file is missing, truncated or does not match its checksum.
     """
-    advice = "delete it and run the command again to make it anew"
+    again = "run the command again to make it anew"
+    advice = f"delete it and {again}"
     try:
         data = read_npz(file)
+    except MissingFileError as error:
+        raise MissingFileError(f"{error}; {again}.") from error
     except InputError as error:
-        missing = str(error).startswith("No such file")
-        raise InputError(f"{error}; {advice.removeprefix('delete it and ') if missing else advice}.") from error
+        raise InputError(f"{error}; {advice}.") from error
     try:
         strange = [name for name in _ARRAYS if data[name].dtype.kind not in "fiu"]
         if strange:

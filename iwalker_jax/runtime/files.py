@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from iwalker_jax.errors import InputError
+from iwalker_jax.errors import InputError, MissingFileError
 from iwalker_jax.runtime.locks import lock_file
 from iwalker_jax.runtime.reading import printable, read_bytes
 
@@ -106,13 +106,14 @@ def read_whole(file: Path) -> bytes:
     """Content of a regular file that the product wrote, however large.
 
     Raises:
-        InputError: if it cannot be read, without a full stop; the caller adds what to do.
+        InputError: if it cannot be read, without a full stop; the caller adds what to do. A `MissingFileError` if there
+            is no such file.
     """
     try:
         return read_bytes(file, MOST_SAVED)
+    except MissingFileError as error:
+        raise MissingFileError(f"No such file: {printable(file, 300)}") from error
     except InputError as error:
-        if isinstance(error.__cause__, FileNotFoundError):
-            raise InputError(f"No such file: {printable(file, 300)}") from error
         raise InputError(f"{printable(file, 300)} cannot be read: it {str(error).rstrip('.')}") from error
 
 

@@ -4,7 +4,7 @@ import codecs
 import stat
 from pathlib import Path
 
-from iwalker_jax.errors import InputError
+from iwalker_jax.errors import InputError, MissingFileError
 
 MOST_TEXT = 16 * 1024 * 1024
 """[bytes] of a table or list that is read into memory whole."""
@@ -16,7 +16,7 @@ def read_bytes(file: Path, most: int) -> bytes:
     """Content of a regular file of at most so many bytes; pipes, sockets and devices are never opened.
 
     Raises:
-        InputError: saying what is wrong in words that follow the file's name.
+        InputError: saying what is wrong in words that follow the file's name; a `MissingFileError` if there is none.
     """
     try:
         status = file.stat()
@@ -26,8 +26,8 @@ def read_bytes(file: Path, most: int) -> bytes:
             with file.open("rb") as stream:
                 # As much memory is taken as is asked for; some files of the system say that they are empty.
                 content = stream.read(min(most, max(status.st_size, MOST_TEXT)) + 1)
-    except FileNotFoundError as error:
-        raise InputError("is missing.") from error
+    except FileNotFoundError:
+        raise MissingFileError("is missing.") from None
     except ValueError:
         raise InputError("is no file's name.") from None
     except OSError as error:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from iwalker_jax.errors import InputError
+from iwalker_jax.errors import InputError, MissingFileError
 from iwalker_jax.evaluation.tables import CHECKSUM_TITLE, Column, Table
 from iwalker_jax.evaluation.walks.metrics import WalkMetrics, speed_error
 from iwalker_jax.runtime.files import line_checksum, read_csv_lines, read_whole
@@ -102,9 +102,9 @@ def load_walk_table(file: Path) -> Table:
     """
     try:
         content = read_whole(file)
+    except MissingFileError:
+        return EMPTY_WALK_TABLE
     except InputError as error:
-        if str(error).startswith("No such file"):
-            return EMPTY_WALK_TABLE
         raise InputError(f"{error}; choose another folder.") from error
     header, *lines = read_csv_lines(content) or [[]]
     try:

@@ -16,10 +16,8 @@ from jaxtyping import Array, Float
 from iwalker_jax.optimization.qp.factor import apply, largest
 
 STIFF = 1000.0  # penalty of an equality over that of an inequality
-_PENALTIES = {
-    4: (1e-3, 1e3),
-    8: (1e-6, 1e6),
-}  # least and largest, by the bytes of a number: beyond, inverting loses all
+# Least and largest penalty by the bytes of a number: beyond, inverting loses all.
+_PENALTIES = {4: (1e-3, 1e3), 8: (1e-6, 1e6)}
 
 
 class Splitting(NamedTuple):

@@ -5,6 +5,7 @@ The readers, MuJoCo's and trimesh's, open whatever a file names, so that names a
 
 import html
 import json
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -26,7 +27,7 @@ def require_file(file: Path, kind: str) -> None:
     Raises:
         InputError: with the path.
     """
-    if not _is_there(file):
+    if not os.path.isfile(file):
         raise InputError(f"There is no file {printable(file, 300)}; give the path of {kind}.")
 
 
@@ -47,7 +48,7 @@ def check_model_files(file: Path) -> None:
         for name in _values(_FILE, text):
             places = [folder / name for folder in folders]
             _check_regular(file, name, places)
-            waiting += [place for place in places if place.suffix.lower() in _MODELS and _is_there(place)]
+            waiting += [place for place in places if place.suffix.lower() in _MODELS and os.path.isfile(place)]
 
 
 def check_gltf_files(file: Path) -> None:
@@ -77,18 +78,8 @@ def _values(attribute: re.Pattern[str], text: str) -> Iterable[str]:
     return [html.unescape(first or second) for first, second in attribute.findall(text)]
 
 
-def _is_there(place: Path) -> bool:
-    try:
-        return place.is_file()
-    except (ValueError, OSError):  # no file's name
-        return False
-
-
 def _check_regular(file: Path, name: str, places: Iterable[Path]) -> None:
     for place in places:
-        try:
-            odd = place.exists() and not place.is_file() and not place.is_dir()
-        except (ValueError, OSError):  # no file's name: its reader finds nothing there
-            odd = False
-        if odd:
+        # Unlike a Path's own methods these say no to what is no file's name.
+        if os.path.exists(place) and not os.path.isfile(place) and not os.path.isdir(place):
             raise InputError(f"{file} names {printable(name)}, a pipe, socket or device; name regular files alone.")
