@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         CameraMount,
         GridSpec,
         Intrinsics,
+        SoftOccupancy,
         build_local_map,
         cost_to_go,
         read_depth,
@@ -63,6 +64,7 @@ __all__ = [
     "Planner",
     "QuadraticProgram",
     "RobotState",
+    "SoftOccupancy",
     "Solution",
     "Status",
     "StepMpcWeights",
@@ -100,7 +102,8 @@ _HOMES = {
         "solve_step_mpc solve_unicycle"
     ),
     "perception": (
-        "CameraMount GridSpec Intrinsics build_local_map cost_to_go read_depth signed_distance_field write_depth"
+        "CameraMount GridSpec Intrinsics SoftOccupancy build_local_map cost_to_go read_depth signed_distance_field "
+        "write_depth"
     ),
     "planning": "Plan Planner RobotState",
     "runtime": "configure_runtime",

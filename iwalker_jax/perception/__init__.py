@@ -17,6 +17,7 @@ from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID, GridSpec, 
 from iwalker_jax.perception.local_map import LocalMap, build_local_map, free_and_occupied
 from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
 from iwalker_jax.perception.seen_route import ROUTE_GRID, Routes, best_routes
+from iwalker_jax.perception.soft_map import SoftMap, SoftOccupancy, soft_map
 from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
 
 __all__ = [
@@ -35,6 +36,8 @@ __all__ = [
     "LocalMap",
     "ObstacleParameters",
     "Routes",
+    "SoftMap",
+    "SoftOccupancy",
     "TraversalParameters",
     "backproject",
     "best_routes",
@@ -55,6 +58,7 @@ __all__ = [
     "sample_bilinear",
     "sample_smooth",
     "signed_distance_field",
+    "soft_map",
     "softened",
     "traversal_cost",
     "trusted_cost",

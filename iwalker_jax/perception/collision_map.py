@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Num
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY
@@ -146,6 +146,20 @@ def count_points(index: Int[Array, "*image"], grid: GridSpec) -> Int[Array, "row
     return counts.reshape(grid.shape)
 
 
+def points_needed(
+    camera_xy: Float[Array, " 2"], intrinsics: Intrinsics, grid: GridSpec, obstacles: ObstacleParameters
+) -> Float[Array, "rows columns"]:
+    """Number of obstacle points that each cell must show at its distance from the camera.
+
+    An area A at distance r covers f_x f_y A / r^2 pixels, so the number asked for falls with distance,
+    between max_points and min_points.
+    """
+    ahead, left = cell_offsets(grid, camera_xy)
+    squared_range = jnp.maximum(ahead**2 + left**2, 1e-4)
+    expected = intrinsics.fx * intrinsics.fy * obstacles.min_area / squared_range
+    return jnp.clip(expected, obstacles.min_points, obstacles.max_points)
+
+
 def occupied_cells(
     counts: Int[Array, "rows columns"],
     camera_xy: Float[Array, " 2"],
@@ -153,17 +167,13 @@ def occupied_cells(
     grid: GridSpec,
     obstacles: ObstacleParameters,
 ) -> Bool[Array, "rows columns"]:
-    """Cells that hold enough obstacle points for their distance from the camera.
+    """Cells that hold enough obstacle points for their distance from the camera (`points_needed`).
 
-    An area A at distance r covers f_x f_y A / r^2 pixels, so the number asked for falls with distance,
-    between max_points and min_points. The 3 x 3 neighbourhood must hold that many and the cell itself a third of
-    it: a table leg on a cell border stays, the thin tail of a wall's range noise does not.
+    The 3 x 3 neighbourhood must hold that many and the cell itself a third of it: a table leg on a cell border stays,
+    the thin tail of a wall's range noise does not.
     """
-    ahead, left = cell_offsets(grid, camera_xy)
-    squared_range = jnp.maximum(ahead**2 + left**2, 1e-4)
-    expected = intrinsics.fx * intrinsics.fy * obstacles.min_area / squared_range
-    needed = jnp.clip(expected, obstacles.min_points, obstacles.max_points)
-    return (_sum_3x3(counts) >= needed) & (3 * counts >= needed)
+    needed = points_needed(camera_xy, intrinsics, grid, obstacles)
+    return (sum_3x3(counts) >= needed) & (3 * counts >= needed)
 
 
 def occupancy_map(
@@ -223,7 +233,7 @@ def _blur(values: Float[Array, "rows columns"]) -> Float[Array, "rows columns"]:
     return functools.reduce(jnp.add, [float(w) * vertical[:, k : k + columns] for k, w in enumerate(taps)])
 
 
-def _sum_3x3(counts: Int[Array, "rows columns"]) -> Int[Array, "rows columns"]:
+def sum_3x3(counts: Num[Array, "rows columns"]) -> Num[Array, "rows columns"]:
     """Sum over each cell and its eight neighbours; nothing lies outside the map."""
     rows, columns = counts.shape
     padded = jnp.pad(counts, 1)

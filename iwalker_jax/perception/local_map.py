@@ -23,6 +23,7 @@ from iwalker_jax.perception.collision_map import (
 from iwalker_jax.perception.depth_cleanup import check_depth_image, check_image_size, clean_depth
 from iwalker_jax.perception.distance_field import signed_distance_field
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
+from iwalker_jax.perception.soft_map import SoftOccupancy, soft_map
 
 BLIND_DISC_RADIUS = 0.4
 """[m] around the base origin: the robot stands there, so the floor under and beside it counts as free."""
@@ -36,7 +37,8 @@ class LocalMap(NamedTuple):
         known_free: (rows, columns) seen to be free, or within `BLIND_DISC_RADIUS` of the base origin.
         unknown: (rows, columns) hidden behind an obstacle, past the brink of a drop, out of view or never
             measured.
-        esdf: (rows, columns) [m] signed distance to the occupied cells; unknown space does not repel.
+        esdf: (rows, columns) [m] signed distance to the occupied cells; unknown space does not repel. If asked for,
+            that of `soft_map`, which is differentiable in depth and mount; nothing else here is.
         published: (100, 100) the paper's blurred collision map on `PUBLISHED_GRID`.
     """
 
@@ -53,6 +55,7 @@ def build_local_map(
     intrinsics: Intrinsics,
     grid: GridSpec = DEFAULT_GRID,
     obstacles: ObstacleParameters = DEFAULT_OBSTACLES,
+    soft: SoftOccupancy | None = None,
 ) -> LocalMap:
     """All maps of one raw depth image; finite and valid for empty, all-zero and all-blocked images too.
 
@@ -62,6 +65,7 @@ def build_local_map(
         intrinsics: of this image size.
         grid: of the occupancy and distance maps, base frame.
         obstacles: obstacle heights and point counts.
+        soft: makes `esdf` differentiable (`soft_map`); None gives the exact distance to the occupied cells.
 
     Raises:
         InputError: if the image has another size than its intrinsics or is not floating-point metres; outside `jit`
@@ -74,6 +78,8 @@ def build_local_map(
             f"build_local_map needs Intrinsics and a mount of shape (5,), got a {type(intrinsics).__name__} and "
             f"{mount.shape}."
         )
+    if not isinstance(soft, SoftOccupancy | None):
+        raise InputError(f"build_local_map takes soft=SoftOccupancy() or None, got a {type(soft).__name__}.")
     check_image_size(depth.shape, intrinsics)
     if is_known(given):
         check_depth_image(np.asarray(given[0]))
@@ -82,11 +88,15 @@ def build_local_map(
     occupied, known_free = free_and_occupied(depth, mount, intrinsics, grid, obstacles)
     base_x, base_y = cell_offsets(grid, jnp.zeros(2))
     known_free = ~occupied & (known_free | (base_x**2 + base_y**2 <= BLIND_DISC_RADIUS**2))
+    if soft is None:
+        esdf = signed_distance_field(occupied, grid.resolution)
+    else:
+        esdf = soft_map(depth, mount, intrinsics, grid, obstacles, soft).esdf
     return LocalMap(
         occupied=occupied,
         known_free=known_free,
         unknown=~occupied & ~known_free,
-        esdf=signed_distance_field(occupied, grid.resolution),
+        esdf=esdf,
         published=published_collision_map(depth, mount, intrinsics),
     )
 

@@ -166,7 +166,7 @@ def doors() -> dict[str, Door]:
             ("depth", "mount"), oracles.one_kind_of_cell, (),
             {
                 "depth": millimetres, "mount": (np.full(5, np.nan), degrees, np.full(5, np.inf)),
-                "intrinsics": (None, (160, 90), iw.Intrinsics(100, 90)),
+                "intrinsics": (None, (160, 90), iw.Intrinsics(100, 90)), "soft": ("x", 0.1, True),
             },
         ),
         "planner": Door(

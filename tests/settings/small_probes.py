@@ -24,6 +24,7 @@ from iwalker_jax.perception.collision_map import ObstacleParameters
 from iwalker_jax.perception.floor import FloorParameters, fit_floor
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
 from iwalker_jax.perception.local_map import free_and_occupied
+from iwalker_jax.perception.soft_map import SoftOccupancy, soft_map
 from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
 from iwalker_jax.planning.footsteps import nominal_footsteps
 from iwalker_jax.planning.goal_scan import GoalScan, goal_scan
@@ -100,6 +101,7 @@ PROBES = {
     ObstacleParameters: Probe(
         lambda c: free_and_occupied(depth_image(), MOUNT, SMALL, DEFAULT_GRID, c), ObstacleParameters()
     ),
+    SoftOccupancy: Probe(lambda c: soft_map(depth_image(), MOUNT, SMALL, soft=c), SoftOccupancy()),
     FloorParameters: Probe(lambda c: fit_floor(depth_image(), SMALL, c), FloorParameters()),
     TraversalParameters: Probe(
         lambda c: traversal_cost(jnp.linspace(-0.2, 1.0, 9), jnp.full(9, 0.3), c), TraversalParameters()
