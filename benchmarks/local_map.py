@@ -22,6 +22,7 @@ from iwalker_jax.perception import (  # noqa: E402
     DEFAULT_GRID,
     CameraMount,
     Intrinsics,
+    SoftOccupancy,
     backproject,
     build_local_map,
     clean_depth,
@@ -83,6 +84,7 @@ def speed_table(depth: jax.Array, mount: jax.Array) -> None:
         "published_collision_map": (lambda d, m: published_collision_map(d, m, INTRINSICS), (depth, mount)),
         "signed_distance_field 160 x 160": (lambda o: signed_distance_field(o, DEFAULT_GRID.resolution), (occupied,)),
         "build_local_map (all of the above)": (lambda d, m: build_local_map(d, m, INTRINSICS), (depth, mount)),
+        "build_local_map, soft": (lambda d, m: build_local_map(d, m, INTRINSICS, soft=SoftOccupancy()), (depth, mount)),
         "fit_floor": (lambda d: fit_floor(d, INTRINSICS), (depth,)),
         "add_depth_noise": (lambda k, d: add_depth_noise(k, d, DepthNoise(), INTRINSICS), (key, depth)),
     }

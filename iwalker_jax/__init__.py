@@ -1,4 +1,4 @@
-"""iwalker-jax: a humanoid's sense-plan-act loop as one differentiable JAX program.
+"""iwalker-jax: a humanoid's sense-plan-act loop in differentiable JAX.
 
 ``import iwalker_jax as iw`` is cheap and has no side effects: a name below is imported from its room when it is first
 asked for, so that `configure_runtime` can come before JAX does. The rooms hold the rest, for example

@@ -95,6 +95,11 @@ def named_files(page: Path) -> set[str]:
     return {span for span in found if span.split("/")[0] in tops}
 
 
+def named_tests(page: Path) -> set[str]:
+    """Every test that a page names in code as pytest does."""
+    return {span for span in _code_spans(page) if re.fullmatch(r"tests/[\w/]+\.py::\w+", span)}
+
+
 def relative_links(page: Path) -> set[str]:
     """Targets of links and pictures that are no web addresses."""
     return {link for link in _LINK.findall(_without_blocks(page)) if not link.startswith(("http://", "https://"))}

@@ -26,6 +26,7 @@ from tests.docs.pages import (
     headings,
     module_commands,
     named_files,
+    named_tests,
     option_spans,
     relative_links,
     shell_lines,
@@ -148,6 +149,24 @@ def test_named_files_links_and_pictures_exist(page):
         if not target.exists() or (anchor and anchor not in headings(target)):
             missing.append(link)
     assert not missing, f"{page.name} points at what does not exist: {', '.join(missing)}"
+
+
+@by_page
+def test_tests_named_in_code_are_there(page):
+    """`tests/file.py::test_name` names a test that pytest finds in that file."""
+    for name in named_tests(page):
+        file, _, test = name.partition("::")
+        found = (ROOT / file).is_file() and f"\ndef {test}(" in (ROOT / file).read_text(encoding="utf-8")
+        assert found, f"{page.name} names what is no test: {name}"
+
+
+def test_every_row_of_the_derivatives_names_function_and_test():
+    rows = [row for row in (ROOT / "docs" / "gradients.md").read_text(encoding="utf-8").splitlines() if " -> " in row]
+    rows = [row for row in rows if row.startswith("| ") and not row.startswith("| from -> to")]
+    assert len(rows) > 20
+    for row in rows:
+        _, _, _, function, test, _ = row.split("|")
+        assert "`iwalker_jax." in function and "`tests/" in test and "::test_" in test, row
 
 
 def test_what_the_changelog_says_is_there_now_is_there():
