@@ -43,10 +43,12 @@ def test_an_installed_command_minds_no_folder_of_the_same_name(tmp_path):
     assert "max-problems" in done.stdout
 
 
-@pytest.mark.parametrize("name", sorted(file.stem for file in (ROOT / "benchmarks").glob("*.py")))
+@pytest.mark.parametrize(
+    "name", sorted(file.relative_to(ROOT / "benchmarks").as_posix() for file in (ROOT / "benchmarks").rglob("*.py"))
+)
 def test_a_benchmark_without_its_extra_says_which(name, monkeypatch):
     """Property: whatever of the extra a benchmark imports, it asks for first."""
-    text = (ROOT / "benchmarks" / f"{name}.py").read_text(encoding="utf-8")
+    text = (ROOT / "benchmarks" / name).read_text(encoding="utf-8")
     extra = [spec.partition(">")[0] for spec in PROJECT["project"]["optional-dependencies"]["benchmarks"]]
     for package in extra:
         if f"\nimport {package}" in text or f"\nfrom {package}" in text:

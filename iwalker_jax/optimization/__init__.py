@@ -30,6 +30,7 @@ from iwalker_jax.optimization.steps import (
     step_matrices,
 )
 from iwalker_jax.optimization.unicycle import (
+    UnicycleMethod,
     UnicycleParameters,
     UnicyclePlan,
     initial_state_from_reference,
@@ -49,6 +50,7 @@ __all__ = [
     "StepMpcWeights",
     "StepPlan",
     "StepReach",
+    "UnicycleMethod",
     "UnicycleParameters",
     "UnicyclePlan",
     "cold_start",

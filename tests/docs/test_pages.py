@@ -43,8 +43,8 @@ by_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 
 def commands_in(folder: str) -> set[str]:
     """Modules of a folder that are commands."""
-    files = (ROOT / folder).glob("*.py")
-    return {f"{folder}.{file.stem}" for file in files if "__main__" in file.read_text(encoding="utf-8")}
+    files = [file for file in (ROOT / folder).rglob("*.py") if "__main__" in file.read_text(encoding="utf-8")]
+    return {".".join(file.relative_to(ROOT).with_suffix("").parts) for file in files}
 
 
 @by_page

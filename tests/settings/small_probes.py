@@ -86,7 +86,7 @@ PROBES = {
     UnicycleParameters: Probe(
         unicycle_path,
         UnicycleParameters(),
-        changes={"turn_bound": 1.0, "acceleration_bound": 1.0, "speed_bound": 1.0},
+        changes={"turn_bound": 1.0, "acceleration_bound": 1.0, "speed_bound": 1.0, "method": "ilqr"},
         followed=False,
     ),
     QpSettings: Probe(

@@ -1,6 +1,7 @@
 """The unicycle MPC: which path can be tracked."""
 
 from iwalker_jax.optimization.unicycle.model import (
+    UnicycleMethod,
     UnicycleParameters,
     UnicyclePlan,
     initial_state_from_reference,
@@ -10,6 +11,7 @@ from iwalker_jax.optimization.unicycle.model import (
 from iwalker_jax.optimization.unicycle.mpc import solve_unicycle
 
 __all__ = [
+    "UnicycleMethod",
     "UnicycleParameters",
     "UnicyclePlan",
     "initial_state_from_reference",

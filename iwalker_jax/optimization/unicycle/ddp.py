@@ -69,8 +69,9 @@ def backward_sweep(
     curvature_floor: float,
     grid: TimeGrid,
     parameters: UnicycleParameters,
+    second_order: bool = True,
 ) -> tuple[ControlLaw, StageInverse, Float[Array, "*b"]]:
-    """Quadratic model of the cost to go from the last stage to the first, with the motion's second derivatives.
+    """Quadratic model of the cost to go from the last stage to the first.
 
     Args:
         trajectory: nominal motion.
@@ -81,6 +82,7 @@ def backward_sweep(
             convexified up to it.
         grid: time steps.
         parameters: bounds.
+        second_order: whether the model has the motion's second derivatives; without, it is Gauss and Newton's.
 
     Returns:
         The control law, the stage inverses, and the decrease of the cost that the quadratic model promises.
@@ -91,7 +93,7 @@ def backward_sweep(
     ex, ey = mass * (x - reference[0]), mass * (y - reference[1])
 
     def sweep(after: CostToGo, stage: Stage) -> tuple[CostToGo, tuple[ControlLaw, StageInverse]]:
-        q, curvature, shift = convexified(expand(after, stage), stage, damping, curvature_floor)
+        q, curvature, shift = convexified(expand(after, stage, second_order), stage, damping, curvature_floor)
         controls, inverse = best_controls(q, curvature, shift, stage, parameters)
         law = control_law(q, controls, inverse)
         gradient = gradient_before(q, law)

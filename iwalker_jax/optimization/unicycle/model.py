@@ -8,13 +8,17 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from iwalker_jax.checks import require_plain_numbers
 from iwalker_jax.errors import InputError
+
+UnicycleMethod = Literal["ddp", "ilqr"]
+"""The curvature that iterations see: with the motion's second derivatives (differential dynamic programming), or with
+the cost's alone (Gauss-Newton, the iterative linear-quadratic regulator)."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,9 @@ class UnicycleParameters:
         turn_bound: largest |omega| [rad/sample], None = free.
         acceleration_bound: largest |a| [m/sample^2], None = free.
         speed_bound: largest |v| [m/sample], None = free; the given initial speed is not counted.
-        max_iterations: Newton iterations at most, on the coarse grid of the search and again on the full one.
+        method: of the iterations; `ddp` is quicker, `ilqr` the usual one to compare with. Implicit derivatives of the
+            optimum take the motion's second derivatives with either.
+        max_iterations: iterations at most, on the coarse grid of the search and again on the full one.
         unrolled_iterations: iterations on the full grid that the `unrolled` gradient mode makes and differentiates.
         tolerance: residual (relative length of the next Newton step, see `solve_unicycle`) that counts as solved.
         position_floor: position error [m] below which accuracy no longer matters; it keeps the residual of a
@@ -43,6 +49,7 @@ class UnicycleParameters:
     turn_bound: float | None = None
     acceleration_bound: float | None = None
     speed_bound: float | None = None
+    method: UnicycleMethod = "ddp"
     max_iterations: int = 40
     unrolled_iterations: int = 10
     tolerance: float = 1e-3
@@ -58,6 +65,10 @@ class UnicycleParameters:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise InputError(f"UnicycleParameters.{name} must be positive and finite or None, got {value}.")
+        if self.method not in get_args(UnicycleMethod):
+            raise InputError(
+                f"UnicycleParameters.method is {self.method!r}; choose one of {', '.join(get_args(UnicycleMethod))}."
+            )
         if not (1 <= self.max_iterations <= 100_000 and 1 <= self.unrolled_iterations <= 10_000):
             raise InputError(
                 f"UnicycleParameters.max_iterations and unrolled_iterations are {self.max_iterations} and "

@@ -14,7 +14,7 @@ from iwalker_jax.optimization.solution import GradientMode, Solution, Status
 from iwalker_jax.optimization.unicycle.ddp import Trajectory, uniform_grid
 from iwalker_jax.optimization.unicycle.gradients import MINIMUM_CURVATURE, TrackingInputs, attach_derivatives
 from iwalker_jax.optimization.unicycle.model import UnicycleParameters, UnicyclePlan, tracking_cost
-from iwalker_jax.optimization.unicycle.solver import Iterate, advance, begin, residual, solve_lanes
+from iwalker_jax.optimization.unicycle.solver import Iterate, advance, begin, residual, second_order_view, solve_lanes
 from iwalker_jax.promotion import usual_promotion
 
 # Larger coordinates lose their squares in single precision.
@@ -31,7 +31,7 @@ def solve_unicycle(
     gradient: GradientMode = "implicit",
     weights: Float[ArrayLike, "3"] | None = None,
 ) -> Solution:
-    """Track a reference path with a unicycle (iWalker, eqs. 5-7) by differential dynamic programming.
+    """Track a reference path with a unicycle (iWalker, eqs. 5-7) by differential dynamic programming or iLQR.
 
     Args:
         reference: (N, 2) positions [m], N >= 3, in any frame.
@@ -42,12 +42,12 @@ def solve_unicycle(
 
     Returns:
         Solution of a `UnicyclePlan`. The residual is sqrt(2 d / (J + w_pos N f^2)): d the decrease of the cost J that
-        the second-order model still promises, f the position floor; that is the length of the next Newton step
-        relative to the plan, both measured by the cost. INFEASIBLE: the initial speed cannot be brought under the
-        speed bound in one step; the plan returns to it as fast as the bounds allow. CONVERGED: an optimum among its
-        neighbours, the best of those that the starts led to; a wild reference may have a better one. The margin is
-        the least of the plan's curvature over the control weights and of any control's distance from meeting or
-        leaving a bound.
+        the second-order model still promises (whatever the method), f the position floor; that is the length of the
+        next Newton step relative to the plan, both measured by the cost. INFEASIBLE: the initial speed cannot be
+        brought under the speed bound in one step; the plan returns to it as fast as the bounds allow. CONVERGED: an
+        optimum among its neighbours, the best of those that the starts led to; a wild reference may have a better one.
+        The margin is the least of the plan's curvature over the control weights and of any control's distance from
+        meeting or leaving a bound.
 
     Raises:
         InputError: for arrays of a wrong shape, what are no real numbers, or an unknown gradient mode.
@@ -158,6 +158,7 @@ def _unroll(
 
     first = begin(inputs, speed, theta, grid, parameters)
     last, _ = lax.scan(body, first, None, length=parameters.unrolled_iterations)
+    last = second_order_view(last, inputs, grid, parameters)
     error = lax.stop_gradient(residual(last, inputs, parameters))
     outputs = (last.trajectory, error, last.curvature, last.margin)
     return jax.tree.map(lambda leaf: leaf[..., 0], outputs)

@@ -1,4 +1,8 @@
-"""Newton iterations of the unicycle problem for many paths at once, the batch ("lanes") on the last axis."""
+"""Newton or Gauss-Newton iterations of the unicycle problem for many paths at once.
+
+The batch ("lanes") is the last axis. `UnicycleParameters.method` chooses the curvature that steps are made of; how near
+the optimum is, and how curved, is told by the problem's own curvature with both.
+"""
 
 from functools import partial
 from typing import NamedTuple
@@ -42,7 +46,7 @@ class Iterate(NamedTuple):
         trajectory: the motion, (N, lanes) each.
         cost: (lanes,) its cost.
         law: the control law around it.
-        promised: (lanes,) decrease of the cost that the quadratic model promises.
+        promised: (lanes,) decrease of the cost that the method's quadratic model promises.
         curvature: (lanes,) smallest curvature of any stage.
         margin: (lanes,) smallest distance of any stage from a change of its active bounds, relative.
         damping: (lanes,) Levenberg-Marquardt damping.
@@ -72,6 +76,31 @@ def _credible(promised: Float[Array, " lanes"], cost: Float[Array, " lanes"]) ->
     return jnp.where(promised < -_BROKEN_PROMISE * cost, jnp.nan, promised)
 
 
+def second_order_view(
+    iterate: Iterate, inputs: TrackingInputs, grid: TimeGrid, parameters: UnicycleParameters
+) -> Iterate:
+    """The iterate with promise, curvature and margin of the second-order model at its motion, whatever the method.
+
+    A Gauss-Newton model is convex where the problem is not, and its steps are shorter than the way to the optimum.
+    """
+    if parameters.method == "ddp":
+        return iterate
+    undamped = jnp.zeros_like(iterate.damping)
+    reference = (inputs.x, inputs.y)
+    _, inverse, promised = backward_sweep(
+        iterate.trajectory, reference, inputs.weights, undamped, _CURVATURE_FLOOR, grid, parameters
+    )
+    promised = _credible(promised, iterate.cost)
+    # Far from an optimum this model may break down where the method's own does not: that is no non-finite plan.
+    far = ~jnp.isfinite(promised) & ~(residual(iterate, inputs, parameters) <= parameters.tolerance)
+    return iterate._replace(
+        promised=jnp.where(far, iterate.promised, promised),
+        damping=jnp.where(far, iterate.damping, undamped),
+        curvature=jnp.min(inverse.curvature, axis=0),
+        margin=jnp.min(inverse.margin, axis=0),
+    )
+
+
 def begin(
     inputs: TrackingInputs,
     speed: Float[Array, "n lanes"],
@@ -91,7 +120,7 @@ def begin(
     reference = (inputs.x, inputs.y)
     trajectory, cost = forward_sweep(guess, hold, zero, reference, inputs.weights, grid, parameters)
     law, inverse, promised = backward_sweep(
-        trajectory, reference, inputs.weights, zero, _CURVATURE_FLOOR, grid, parameters
+        trajectory, reference, inputs.weights, zero, _CURVATURE_FLOOR, grid, parameters, parameters.method == "ddp"
     )
     count = jnp.zeros(zero.shape, jnp.int32)
     curvature, margin = jnp.min(inverse.curvature, axis=0), jnp.min(inverse.margin, axis=0)
@@ -131,7 +160,7 @@ def advance(
     damping = jnp.where(accepted, jnp.where(best == 1.0, lowered, iterate.damping), raised)
     damping = jnp.where(active, damping, iterate.damping)
     law, inverse, promised = backward_sweep(
-        trajectory, reference, inputs.weights, damping, _CURVATURE_FLOOR, grid, parameters
+        trajectory, reference, inputs.weights, damping, _CURVATURE_FLOOR, grid, parameters, parameters.method == "ddp"
     )
     curvature, margin = jnp.min(inverse.curvature, axis=0), jnp.min(inverse.margin, axis=0)
     cost, iterations = jnp.where(accepted, least, iterate.cost), iterate.iterations + active
@@ -147,13 +176,17 @@ def _improve(
     limit: int,
     parameters: UnicycleParameters,
 ) -> Iterate:
-    """Advance all lanes until none is unfinished; `rivals` starts of each problem compete and losers are given up."""
+    """Advance all lanes until none is unfinished; `rivals` starts of each problem compete and losers are given up.
+
+    Rivals are only starts, so that the method's own model is good enough to tell how far they are.
+    """
 
     def active(iterate: Iterate) -> Array:
         # Comparisons are arranged so that a lane whose model overflowed (NaN) counts as unfinished.
         leader = jnp.tile(jnp.min(iterate.cost.reshape(rivals, -1), axis=0), rivals)
         hopeless = iterate.cost - _OPTIMISM * iterate.promised > leader
-        unfinished = ~(residual(iterate, inputs, parameters) <= tolerance)
+        seen = iterate if rivals > 1 else second_order_view(iterate, inputs, grid, parameters)
+        unfinished = ~(residual(seen, inputs, parameters) <= tolerance)
         return unfinished & ~hopeless & (iterate.iterations < limit)
 
     def body(carry: tuple[Iterate, Array]) -> tuple[Iterate, Array]:
@@ -204,4 +237,5 @@ def solve_lanes(
     first = begin(inputs, speed, theta, grid, parameters)
     solved = _improve(first, inputs, grid, 1, parameters.tolerance, parameters.max_iterations, parameters)
     spent = jnp.max(found.iterations.reshape(grouped[1:]), axis=0)
+    solved = second_order_view(solved, inputs, grid, parameters)
     return solved._replace(iterations=solved.iterations + spent), speed, theta

@@ -188,8 +188,8 @@ def _bounded_step(
     return w, a, ~inside & ((w <= w_low) | (w >= w_high)), ~inside & ((a <= a_low) | (a >= a_high))
 
 
-def expand(after: CostToGo, stage: Stage) -> Expansion:
-    """Carry the cost to go back over a stage, with the second derivatives of the motion.
+def expand(after: CostToGo, stage: Stage, second_order: bool) -> Expansion:
+    """Carry the cost to go back over a stage, with the second derivatives of the motion or without (Gauss-Newton).
 
     The motion's Jacobian adds (c, s, 1) times the speed's and (-v s, v c, 1) times the heading's change.
     """
@@ -199,10 +199,17 @@ def expand(after: CostToGo, stage: Stage) -> Expansion:
     Pcv, Pct = P.xv * c + P.yv * s + P.vv, P.xt * c + P.yt * s + P.vt
     Pdx, Pdy = P.xx * d + P.xy * e + P.xt, P.xy * d + P.yy * e + P.yt
     Pdv, Pdt = P.xv * d + P.yv * e + P.vt, P.xt * d + P.yt * e + P.tt
+    vv = c * Pcx + s * Pcy + Pcv
+    vt = c * Pdx + s * Pdy + Pdv
+    if second_order:
+        vt = vt + (c * P.y - s * P.x)
+    tt = d * Pdx + e * Pdy + Pdt
+    if second_order:
+        tt = tt - v * (c * P.x + s * P.y)
     return Expansion(
-        vv=c * Pcx + s * Pcy + Pcv,
-        vt=c * Pdx + s * Pdy + Pdv + (c * P.y - s * P.x),
-        tt=d * Pdx + e * Pdy + Pdt - v * (c * P.x + s * P.y),
+        vv=vv,
+        vt=vt,
+        tt=tt,
         w=stage.turn * stage.w + dt * P.t,
         a=stage.acceleration * stage.a + dt * P.v,
         wx=dt * P.xt,

@@ -1,6 +1,6 @@
 """Active set or ADMM in the walking loop: accuracy beside Clarabel, time, derivatives, and what it does to walks.
 
-Run with `python -m benchmarks.qp_methods`; `--devices 2` spreads the walks over two host devices, `--ticks` and
+Run with `python -m benchmarks.choices.qp_methods`; `--devices 2` spreads the walks over two host devices, `--ticks` and
 `--robots` say how many programs and walks. Both methods meet the same programs and the same robots.
 """
 
