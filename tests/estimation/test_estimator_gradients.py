@@ -105,6 +105,26 @@ def test_sensors_and_filter_over_several_steps(x64):
     assert_gradients_agree(run, qpos[7:], qvel, jnp.asarray([0.2, 0.1, 9.7]), step=1e-6, tolerance=1e-5)
 
 
+def test_derivatives_go_straight_through_the_encoders_rounding(x64):
+    """Oracle: central differences of the same readings without rounding; the encoders' steps by division."""
+    _, state, _ = start_state(np.random.default_rng(3))
+    qpos, qvel = estimated_qpos_qvel(state)
+    coarse, fine = SensorNoise(encoder_step=0.001), SensorNoise(encoder_step=0.0)
+    sensors = initial_sensors(coarse, jax.random.key(0), qpos)
+
+    def positions(joints, noise):
+        moved = jnp.concatenate([qpos[:7], joints])
+        return simulate_sensors(noise, sensors, moved, qvel, jnp.asarray([0.0, 0.0, 9.8]))[1].joint_positions
+
+    joints, direction = qpos[7:], jnp.linspace(-1.0, 1.0, 16)
+    value, forward = jax.jvp(lambda q: positions(q, coarse), (joints,), (direction,))
+    np.testing.assert_allclose(value / 0.001, np.round(value / 0.001), atol=1e-6)
+    ahead, behind = (positions(joints + s * direction, fine) for s in (1e-6, -1e-6))
+    np.testing.assert_allclose(forward, (ahead - behind) / 2e-6, atol=1e-8)
+    reverse = jax.vjp(lambda q: positions(q, coarse), joints)[1](direction)[0]
+    np.testing.assert_allclose(reverse @ direction, forward @ direction, rtol=1e-12)
+
+
 def test_gradients_stay_finite_with_missing_readings(x64):
     legs, state, readings = start_state(np.random.default_rng(2))
     missing = jax.tree.map(lambda x: x if x.dtype == bool else jnp.full_like(x, jnp.nan), readings)

@@ -27,7 +27,7 @@ IMPOSSIBLE: dict[type, tuple[Any, ...]] = {
 """What a setting with a default of some type cannot be, whatever it means."""
 
 SETTINGS = (iw.Intrinsics, iw.CameraMount, iw.GridSpec, iw.HlipParameters, iw.StepMpcWeights, iw.UnicycleParameters,
-            iw.Disturbances, iw.Motion)  # fmt: skip
+            iw.Disturbances, iw.Motion, iw.SoftOccupancy)  # fmt: skip
 
 MOTIONS: dict[str, tuple[Any, ...]] = {
     "step_length": (*NO_NUMBERS, 5.0), "distance": (*NO_NUMBERS, -1.0, 0.0, 1e9), "seconds": (*NO_NUMBERS, -1.0, 0.0),

@@ -80,6 +80,18 @@ def test_a_wall_that_moves_moves_the_field_by_as_much(x64):
         np.testing.assert_allclose(slope, 1.0, atol=0.01)
 
 
+def test_a_room_that_recedes_moves_the_soft_field_without_jumps(x64):
+    """Oracle: how far its points move; the hard field, of the same images, jumps by whole cells."""
+    steps, each = 100, 2.5e-4
+    grown = jax.vmap(lambda n: seen() * (1.0 + each * n))(jnp.arange(float(steps)))
+    soft = jax.jit(jax.vmap(lambda depth: soft_map(depth, mount(), CAMERA, GRID)))(grown)
+    hard = jax.jit(jax.vmap(lambda depth: occupancy_map(depth, mount(), CAMERA, GRID)))(grown)
+    farthest = 3.5  # [m] from the camera to the map's corners, which are all that counts
+    assert np.abs(np.diff(soft.esdf, axis=0)).max() < 2 * each * farthest
+    assert np.abs(np.diff(soft.occupancy, axis=0)).max() < 0.2
+    assert np.any(np.diff(np.asarray(hard, int), axis=0))
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_as_the_ramps_go_to_zero_the_occupancy_is_the_hard_one(seed, x64):
     """Oracle: the hard map, exactly, and its field up to what cells round away: half their diagonal."""
