@@ -1,5 +1,6 @@
 """One call from a motion to walks of BRUCE in simulation, with what is recorded and measured of them."""
 
+import dataclasses
 import time
 from collections.abc import Callable
 from typing import Literal, NamedTuple, get_args
@@ -29,7 +30,9 @@ from iwalker_jax.walking import (
     sample_conditions,
 )
 
-Engine = Literal["mjx", "mujoco"]
+Engine = Literal["mjx", "mjx.step", "mujoco"]
+"""What moves the robots: our own step of the MJX model, which is the fastest and has gradients; MJX's own `mjx.step`,
+whose values that equals; or C MuJoCo."""
 
 _EVERY = 10  # ticks between two samples
 
@@ -71,7 +74,7 @@ def walk(
         motion: what to walk, or its kind alone.
         robots: that walk it, each with conditions of its own.
         sensors: `none` feeds the true state back, the others walk on the estimate from simulated sensors.
-        engine: MJX, which is compiled for many robots, or C MuJoCo, which steps one after the other.
+        engine: MJX by our step or by its own, compiled for many robots, or C MuJoCo, which steps one after the other.
         disturbances: from which friction, mass, start and pushes are drawn.
         gait: of the controller.
         solver: of its whole-body QPs.
@@ -110,7 +113,7 @@ def simulate_walk(
         walker: the robot, and model: the same for the C engine, as from `default_walker`.
         commanded: what to walk.
         conditions: batch first.
-        engine: MJX, which is compiled for many robots, or C MuJoCo, which steps one after the other.
+        engine: MJX by our step or by its own, compiled for many robots, or C MuJoCo, which steps one after the other.
         devices: number of devices, all by default; MJX only.
         on_progress: hears of the simulated time [s] and of the robots still up; MJX only.
 
@@ -118,7 +121,8 @@ def simulate_walk(
         InputError: for another engine.
     """
     _check_engine(engine)
-    if engine == "mjx":
+    if engine != "mujoco":
+        walker = dataclasses.replace(walker, physics="own" if engine == "mjx" else "mjx.step")
         program = WalkProgram(walker, len(conditions.friction), commanded.plan.yaws.shape[-1], devices, every=_EVERY)
         return program.run(conditions, commanded.plan, commanded.seconds, on_progress)
     began = time.perf_counter()
@@ -129,7 +133,7 @@ def simulate_walk(
 
 def _check_engine(engine: str) -> None:
     if engine not in get_args(Engine):
-        raise InputError(f"Unknown engine {engine!r}; choose {' or '.join(get_args(Engine))}.")
+        raise InputError(f"Unknown engine {engine!r}; choose one of {', '.join(get_args(Engine))}.")
 
 
 def measure_walk(

@@ -84,6 +84,7 @@ def simulate(
             model,
             walk,
             conditions,
+            options.engine,
             devices=options.devices,
             on_progress=lambda done, up: advance(round(done), f"{up} robots up"),
         )

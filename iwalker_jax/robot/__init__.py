@@ -17,6 +17,9 @@ from iwalker_jax.robot.leg_kinematics import (
     foot_motion,
     load_leg_kinematics,
 )
+from iwalker_jax.robot.mjx_step import (
+    complete_step_by_mjx,
+)
 from iwalker_jax.robot.model import (
     ARM_POSITIONS,
     ARM_VELOCITIES,
@@ -73,6 +76,7 @@ __all__ = [
     "body_poses",
     "compile_model",
     "complete_step",
+    "complete_step_by_mjx",
     "foot_jacobian",
     "foot_motion",
     "initial_state",

@@ -111,8 +111,8 @@ def complete_step(
         )
     qvel = state.qvel + robot.time_step * mean_acceleration
     qpos = _integrate(data.qpos, qvel, robot.time_step)
-    forces, distances = _contact_forces(robot, contact, row_forces(problem, acceleration))
-    gyro, accelerometer = _imu(robot, data, acceleration)
+    forces, distances = contact_forces(robot, contact, row_forces(problem, acceleration))
+    gyro, accelerometer = imu_readings(robot, data, acceleration)
     info = PhysicsInfo(
         acceleration,
         forces,
@@ -147,7 +147,7 @@ def _integrate(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], time_step: 
     return jnp.concatenate([qpos[:3] + time_step * qvel[:3], quaternion, qpos[7:] + time_step * qvel[6:]])
 
 
-def _contact_forces(
+def contact_forces(
     robot: RobotModel, contact: mjx.Contact, row_forces: Float[Array, " m"]
 ) -> tuple[Float[Array, "4 3"], Float[Array, "4"]]:
     """World-frame force on each contact point, and its distance to the nearest geom it can touch."""
@@ -159,7 +159,7 @@ def _contact_forces(
     return forces, jnp.min(jnp.where(first | second, contact.dist, jnp.inf), axis=1)
 
 
-def _imu(robot: RobotModel, data: SmoothStages, acceleration: Float[Array, " nv"]) -> tuple[Array, Array]:
+def imu_readings(robot: RobotModel, data: SmoothStages, acceleration: Float[Array, " nv"]) -> tuple[Array, Array]:
     """Gyroscope and accelerometer readings in the IMU frame."""
     rotation, arm = data.site_rotations[6], data.site_positions[6] - data.base_position
     motion = data.qvel[:6] @ data.axes[:6]

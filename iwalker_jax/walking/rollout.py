@@ -6,7 +6,7 @@ so that it can touch neither its batch neighbours nor their speed.
 
 from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -43,12 +43,16 @@ from iwalker_jax.robot import (
     RigidBodyTerms,
     RobotModel,
     complete_step,
+    complete_step_by_mjx,
     initial_state,
     rigid_body_terms,
     smooth_stages,
     terms_from_data,
     vary,
 )
+
+PhysicsStep = Literal["own", "mjx.step"]
+"""Whose step moves the robot: ours, which has gradients, or MJX's own, whose values it equals."""
 
 MAX_DELAY = 4
 """Longest delay of the torques, in ticks."""
@@ -65,7 +69,8 @@ class Walker:
         legs: kinematics for the estimator.
         noise: of the simulated sensors; None feeds the true state back.
         estimator: the filter's parameters.
-        contacts: settings of the contact solver.
+        contacts: settings of our step's contact solver.
+        physics: whose step moves the robot.
         fall_tilt: tilt of the base [rad], and fall_height: its height as a share of the nominal, that count as a fall.
     """
 
@@ -75,6 +80,7 @@ class Walker:
     noise: SensorNoise | None = field(metadata={"static": True}, default=None)
     estimator: EstimatorParameters = EstimatorParameters()
     contacts: ContactSettings = field(metadata={"static": True}, default=ContactSettings())
+    physics: PhysicsStep = field(metadata={"static": True}, default="own")
     fall_tilt: float = field(metadata={"static": True}, default=0.785)
     fall_height: float = field(metadata={"static": True}, default=0.5)
 
@@ -278,7 +284,10 @@ def walk_tick(walker: Walker, conditions: Conditions, plan: FootstepPlan, state:
     nominal = without_mass_scale(walker.robot, truth, conditions.mass_scale)
     memory, output = sense_and_control(walker, conditions, plan, state.memory, physics.qpos, physics.qvel, nominal)
     push = jnp.concatenate([push_at(conditions, physics.time), jnp.zeros(3, physics.qpos.dtype)])
-    moved, info = complete_step(plant, physics, data, output.torques, push, walker.contacts)
+    if walker.physics == "mjx.step":
+        moved, info = complete_step_by_mjx(plant, physics, data, output.torques, push)
+    else:
+        moved, info = complete_step(plant, physics, data, output.torques, push, walker.contacts)
     memory = after_physics(memory, info.touching, info.accelerometer)
     sample = make_sample(physics.time, physics.qpos, truth, memory, output, info.contact_forces, state.fallen)
     fallen = state.fallen | has_fallen(walker, moved.qpos, moved.qvel)

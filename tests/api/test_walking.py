@@ -57,8 +57,23 @@ def test_a_motions_kind_stands_for_the_motion(monkeypatch):
     assert np.ptp(simulated[0].plan.positions[:, 1]) > 0.5
 
 
+@pytest.mark.parametrize(("engine", "physics"), [("mjx", "own"), ("mjx.step", "mjx.step")])
+def test_the_engine_says_whose_step_moves_the_robot(engine, physics, monkeypatch):
+    """Property: the program is made of a walker with that step."""
+    walkers = []
+
+    def program(walker, *others, **more):
+        walkers.append(walker)
+        raise InterruptedError
+
+    monkeypatch.setattr(walking, "WalkProgram", program)
+    with pytest.raises(InterruptedError):
+        walk("in_place", engine=engine)
+    assert walkers[0].physics == physics
+
+
 def test_bad_options_are_refused(unchecked_types):
-    with pytest.raises(InputError, match="Unknown engine 'bullet'; choose mjx or mujoco"):
+    with pytest.raises(InputError, match=r"Unknown engine 'bullet'; choose one of mjx, mjx\.step, mujoco"):
         walk("stand", engine="bullet")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="Unknown motion 'hop'"):
         walk("hop")  # type: ignore[arg-type]

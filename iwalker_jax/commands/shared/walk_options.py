@@ -95,7 +95,7 @@ class WalkOptions:
         motion: that is walked.
         robots: number of robots, each with friction, mass and start of its own; in scenes many walk with
             experiments.evaluate.
-        engine: of the physics: MJX for batches, or C MuJoCo.
+        engine: of the physics: MJX for batches, by our own step (mjx) or by MJX's (mjx.step), or C MuJoCo.
         solver: of the controller's whole-body QPs.
         view: play the first robot's walk in MuJoCo's viewer.
         devices: number of devices, all by default; on a CPU that many are made of its cores.
@@ -103,7 +103,7 @@ class WalkOptions:
 
     motion: Annotated[MotionOptions, tyro.conf.arg(name="")] = MotionOptions()
     robots: int = 1
-    engine: Literal["mjx", "mujoco"] = "mjx"
+    engine: Literal["mjx", "mjx.step", "mujoco"] = "mjx"
     solver: QpMethod = "active_set"
     view: bool = False
     devices: int | None = None
