@@ -56,7 +56,7 @@ from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E40
 from iwalker_jax.perception import (  # noqa: E402
     best_routes,
     clean_depth,
-    free_and_occupied,
+    frame_cells,
     signed_distance_field,
     softened,
 )
@@ -124,8 +124,8 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
 
     def add_map(s: LoopState, at: Observation) -> tuple:
         grid = memory_parameters.frame_grid
-        frame = free_and_occupied(clean_depth(at.depth), at.mount, nav.intrinsics, grid, parameters.obstacles)
-        memory = update_memory(memory_parameters, s.memory, at.base, *frame, grid)
+        frame = frame_cells(clean_depth(at.depth), at.mount, nav.intrinsics, grid, parameters.obstacles)
+        memory = update_memory(memory_parameters, s.memory, at.base, frame, grid)
         occupied, unknown = memory_cells(memory_parameters, memory)
         esdf = signed_distance_field(occupied, memory_parameters.resolution)
         return esdf, unknown, window_origin(memory_parameters, memory)

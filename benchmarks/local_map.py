@@ -27,7 +27,7 @@ from iwalker_jax.perception import (  # noqa: E402
     build_local_map,
     clean_depth,
     fit_floor,
-    free_and_occupied,
+    frame_cells,
     signed_distance_field,
 )
 from iwalker_jax.perception.collision_map import (  # noqa: E402
@@ -77,8 +77,8 @@ def speed_table(depth: jax.Array, mount: jax.Array) -> None:
     key, occupied = jax.random.key(0), occupancy_map(depth, mount, INTRINSICS)
     stages: dict[str, tuple[Callable, tuple[jax.Array, ...]]] = {
         "clean_depth": (clean_depth, (depth,)),
-        "free_and_occupied": (
-            lambda d, m: free_and_occupied(d, m, INTRINSICS, DEFAULT_GRID, DEFAULT_OBSTACLES),
+        "frame_cells": (
+            lambda d, m: frame_cells(d, m, INTRINSICS, DEFAULT_GRID, DEFAULT_OBSTACLES),
             (depth, mount),
         ),
         "published_collision_map": (lambda d, m: published_collision_map(d, m, INTRINSICS), (depth, mount)),

@@ -1,6 +1,6 @@
 """Which way to go: from what was seen to a path in the world, by the networks, the classical planner, or both."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
@@ -16,12 +16,14 @@ from iwalker_jax.perception import (
     UNREACHABLE,
     GridSpec,
     Intrinsics,
+    MountUncertainty,
     ObstacleParameters,
     TraversalParameters,
+    align_to_floor,
     best_routes,
     clean_depth,
     cost_to_go,
-    free_and_occupied,
+    frame_cells,
     halved,
     pool_2x2,
     signed_distance_field,
@@ -30,6 +32,9 @@ from iwalker_jax.perception import (
     trusted_cost,
 )
 from iwalker_jax.planning import Planner
+
+MAP_OBSTACLES = replace(DEFAULT_OBSTACLES, neighbour_share=0.4)
+"""Of the remembered map, which must tell a gap of 0.45 m from one of 0.40 m by cells of 2.5 cm."""
 
 ROUTE_CELLS = 4
 """Cells of the memory along a side of a route's cell."""
@@ -51,6 +56,8 @@ class GuidanceParameters:
         face_distance: [m] along the route to the point that the robot turns to where the path gives no direction.
         start_radius: [m] about the robot, within which a route must begin.
         memory: of the map.
+        mount: how wrong the believed mount may be that the floor in view corrects: one degree lifts the floor 0.8 m
+            ahead by half the height that the robot steps over.
         obstacles: which points of a frame are obstacles.
         band: how paths are drawn off obstacles.
         required_clearance: [m] to remembered obstacles, body and sway; no route leads through what is narrower.
@@ -63,7 +70,8 @@ class GuidanceParameters:
     face_distance: float = 0.5
     start_radius: float = 0.3
     memory: MapMemoryParameters = MapMemoryParameters()
-    obstacles: ObstacleParameters = DEFAULT_OBSTACLES
+    mount: MountUncertainty = MountUncertainty()
+    obstacles: ObstacleParameters = MAP_OBSTACLES
     band: BandParameters = BandParameters()
     required_clearance: float = BODY.gap_radius
     traversal: TraversalParameters = TraversalParameters(body_radius=BODY.route_radius)
@@ -131,8 +139,9 @@ def guide(
         return memory, Guidance(path, observation.goal, jnp.asarray(False), jnp.asarray(True))
     frame_grid, grid = parameters.memory.frame_grid, parameters.memory.grid
     coarse = route_grid(grid)
-    frame = free_and_occupied(observation.depth, observation.mount, intrinsics, frame_grid, parameters.obstacles)
-    memory = update_memory(parameters.memory, memory, observation.base, *frame, frame_grid)
+    mount = align_to_floor(observation.depth, observation.mount, intrinsics, parameters.mount)
+    frame = frame_cells(observation.depth, mount, intrinsics, frame_grid, parameters.obstacles)
+    memory = update_memory(parameters.memory, memory, observation.base, frame, frame_grid)
     origin = window_origin(parameters.memory, memory)
     start, goal = observation.base[:2] - origin, observation.goal - origin
     occupied, unknown = memory_cells(parameters.memory, memory)

@@ -1,9 +1,9 @@
 """A short memory of what the camera saw: a window of the floor that moves with the robot, its axes the world's.
 
 Single frames show nothing beside and behind the robot. Each frame adds evidence for occupied and for free cells; what
-is seen to be free again is forgotten, so obstacles may move, and nothing else is: where the robot stands is free if
-nobody knows better, but an obstacle that it brushes against is not. The window shifts by whole cells, so nothing is
-ever resampled twice.
+is seen to be free again is forgotten, so obstacles may move, and nothing else is: where the robot stands, and where
+the view passes over the floor before it, is free if nobody knows better, but an obstacle that it brushes against and a
+threshold before its feet are not. The window shifts by whole cells, so nothing is ever resampled twice.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int, Int8
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, to_base
-from iwalker_jax.perception import DEFAULT_GRID, GridSpec
+from iwalker_jax.perception import DEFAULT_GRID, FrameCells, GridSpec
 
 _LARGEST_SHIFT = 16  # cells between two frames; a robot that believes to have jumped farther starts afresh
 
@@ -99,15 +99,14 @@ def update_memory(
     parameters: MapMemoryParameters,
     memory: MapMemory,
     base: Float[Array, "3"],
-    occupied: Bool[Array, "rows columns"],
-    known_free: Bool[Array, "rows columns"],
+    frame: FrameCells,
     grid: GridSpec = DEFAULT_GRID,
 ) -> MapMemory:
     """Memory moved to the robot's place and updated with one frame's map.
 
     Args:
         base: (x, y, yaw) of the base frame in the world.
-        occupied, known_free: of the frame, on `grid` in the base frame.
+        frame: its cells, on `grid` in the base frame.
     """
     middle = _cell(parameters, base[:2])
     evidence = _shifted(memory.evidence, middle - memory.middle) * (1 - parameters.decay)
@@ -116,11 +115,13 @@ def update_memory(
     cell = jnp.round(grid.cell_coordinates(offsets)).astype(jnp.int32)
     inside = jnp.all((cell >= 0) & (cell < jnp.asarray(grid.shape)), axis=-1)
     index = jnp.where(inside, cell[..., 0] * grid.columns + cell[..., 1], 0)
-    seen = parameters.occupied_evidence * occupied - parameters.free_evidence * known_free
+    seen = parameters.occupied_evidence * frame.occupied - parameters.free_evidence * frame.seen_free
     change = jnp.where(inside, seen.reshape(-1)[index], 0.0)
-    # Where the body stands the floor is free, but for what is or was seen to be occupied.
-    under = jnp.sum(offsets**2, axis=-1) <= parameters.body_radius**2
-    change = jnp.where(under & (evidence < parameters.threshold) & (change <= 0), -parameters.free_evidence, change)
+    # Under the body and below the view the floor is free, but for what is or was seen to be occupied: a threshold that
+    # has left the view at the lower edge of the image is still there.
+    presumed = jnp.sum(offsets**2, axis=-1) <= parameters.body_radius**2
+    presumed |= inside & frame.known_free.reshape(-1)[index]
+    change = jnp.where(presumed & (evidence < parameters.threshold) & (change <= 0), -parameters.free_evidence, change)
     return MapMemory(
         jnp.clip(evidence + change, -parameters.max_evidence, parameters.max_evidence).astype(memory.evidence.dtype),
         middle,

@@ -12,9 +12,9 @@ from iwalker_jax.perception.depth_cleanup import (
 )
 from iwalker_jax.perception.depth_png import read_depth, write_depth
 from iwalker_jax.perception.distance_field import distance_transform, signed_distance_field
-from iwalker_jax.perception.floor import FloorFit, FloorParameters, fit_floor
+from iwalker_jax.perception.floor import FloorFit, FloorParameters, MountUncertainty, align_to_floor, fit_floor
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID, GridSpec, halved, pool_2x2, softened
-from iwalker_jax.perception.local_map import LocalMap, build_local_map, free_and_occupied
+from iwalker_jax.perception.local_map import FrameCells, LocalMap, build_local_map, frame_cells
 from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
 from iwalker_jax.perception.seen_route import ROUTE_GRID, Routes, best_routes
 from iwalker_jax.perception.soft_map import SoftMap, SoftOccupancy, soft_map
@@ -31,14 +31,17 @@ __all__ = [
     "CostToGo",
     "FloorFit",
     "FloorParameters",
+    "FrameCells",
     "GridSpec",
     "Intrinsics",
     "LocalMap",
+    "MountUncertainty",
     "ObstacleParameters",
     "Routes",
     "SoftMap",
     "SoftOccupancy",
     "TraversalParameters",
+    "align_to_floor",
     "backproject",
     "best_routes",
     "build_local_map",
@@ -50,7 +53,7 @@ __all__ = [
     "descend",
     "distance_transform",
     "fit_floor",
-    "free_and_occupied",
+    "frame_cells",
     "halved",
     "pool_2x2",
     "read_depth",

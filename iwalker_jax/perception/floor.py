@@ -4,18 +4,20 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from iwalker_jax.checks import Scalar
+from iwalker_jax.checks import Scalar, require_numbers
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.depth_cleanup import check_image_size
 
 _HYPOTHESES = 256  # at 20 % floor among the pixels drawn from, still two all-floor triples
 _REWEIGHTINGS = 10
+_ALIGNMENTS = 4
 _SCORING_PIXELS = 1600
 
 
@@ -97,7 +99,7 @@ def fit_floor(
         InputError: if the image has another size than its intrinsics.
     """
     check_image_size(depth.shape, intrinsics)
-    rays, inverse = _scoring_pixels(depth, intrinsics, parameters)
+    rays, inverse = _scoring_pixels(depth, intrinsics, parameters.max_depth)
     usable = inverse > 0.0
     planes = _proposals(depth, intrinsics)
     plausible = _is_plausible(planes, parameters)
@@ -118,12 +120,88 @@ def fit_floor(
     return FloorFit(height, pitch, roll, fraction, valid)
 
 
+@dataclass(frozen=True)
+class MountUncertainty:
+    """How wrong a believed mount may be, for `align_to_floor`.
+
+    Attributes:
+        height: [m] standard deviation of the camera's height.
+        tilt: [rad] standard deviation of its pitch and roll.
+        limit: standard deviations by which the floor may correct each of them; what lies farther off the believed
+            floor is none, such as a platform.
+        reach: [m] of depth, from where floor is used: near, a platform's edge or a ramp is soon too high for floor.
+        floor_error: [1/m] standard deviation that the floor pixels' inverse depths have in common: matching errors that
+            last, and floors that are not quite plane.
+    """
+
+    height: float = 0.005
+    tilt: float = math.radians(0.5)
+    limit: float = 2.0
+    reach: float = 1.5
+    floor_error: float = 0.002
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
+        if min(self.height, self.tilt, self.limit, self.reach, self.floor_error) <= 0.0:
+            raise InputError(
+                "MountUncertainty needs positive height and reach [m], tilt [rad], limit and floor_error [1/m]."
+            )
+
+
+def align_to_floor(
+    depth: Float[Array, "height width"],
+    mount: Float[Array, " 5"],
+    intrinsics: Intrinsics,
+    uncertainty: MountUncertainty = MountUncertainty(),
+) -> Float[Array, " 5"]:
+    """A believed mount with height, pitch and roll corrected by the floor that the image shows.
+
+    The most likely plane under a Gaussian belief about the mount: reweighted least squares as in `fit_floor`, begun at
+    the believed plane, with the belief as a further term. Without floor in the image the mount stays as it is.
+
+    Args:
+        depth: z-depth [m], 0 = no return (`clean_depth`).
+        mount: believed [height, pitch, roll, forward, left] as in `CameraMount`.
+        intrinsics: of this image size.
+        uncertainty: of the mount.
+
+    Raises:
+        InputError: if the image has another size than its intrinsics.
+    """
+    check_image_size(depth.shape, intrinsics)
+    rays, inverse = _scoring_pixels(depth, intrinsics, uncertainty.reach)
+    spread = jnp.asarray([uncertainty.height, uncertainty.tilt, uncertainty.tilt], mount.dtype)
+    plane, slope = _plane_of(mount[:3]), jax.jacfwd(_plane_of)(mount[:3]) * spread
+    # A pixel that the believed floor misses by more than the belief allows is none of the floor's.
+    tolerance = jnp.full_like(inverse, uncertainty.limit * uncertainty.tilt / mount[0])
+
+    def corrected(_: Int[Array, ""], errors: Float[Array, " 3"]) -> Float[Array, " 3"]:
+        weight = _biweight((inverse - (plane + slope @ errors) @ rays) / (1.5 * tolerance), inverse)
+        # What the pixels err in common does not average out: their mean weighs as much as one of that error.
+        weight = weight / (jnp.maximum(jnp.sum(weight), 0.02 * inverse.size) * uncertainty.floor_error**2)
+        seen = slope.T @ rays
+        found, _ = _solve_3x3(
+            (seen * weight) @ seen.T + jnp.eye(3, dtype=seen.dtype), seen @ (weight * (inverse - plane @ rays))
+        )
+        return jnp.clip(found, -uncertainty.limit, uncertainty.limit)
+
+    errors = lax.fori_loop(0, _ALIGNMENTS, corrected, jnp.zeros(3, mount.dtype))
+    return mount.at[:3].add(spread * errors)
+
+
+def _plane_of(pose: Float[Array, " 3"]) -> Float[Array, " 3"]:
+    """m = n / h of [height, pitch, roll], the inverse of `_height_pitch_roll`."""
+    height, pitch, roll = pose
+    cos = jnp.cos(pitch)
+    return jnp.stack([cos * jnp.sin(roll), cos * jnp.cos(roll), jnp.sin(pitch)]) / height
+
+
 def _scoring_pixels(
-    depth: Float[Array, "height width"], intrinsics: Intrinsics, parameters: FloorParameters
+    depth: Float[Array, "height width"], intrinsics: Intrinsics, max_depth: Scalar
 ) -> tuple[Float[Array, "3 n"], Float[Array, " n"]]:
     """Rays and inverse depths [1/m] of an even subset of pixels; inverse depth 0 where unusable."""
     step = max(1, round(math.sqrt(depth.size / _SCORING_PIXELS)))
-    inverse = _inverse(depth[::step, ::step].ravel(), parameters.max_depth)
+    inverse = _inverse(depth[::step, ::step].ravel(), max_depth)
     rays = intrinsics.rays().astype(depth.dtype)[::step, ::step].reshape(-1, 3).T
     return rays, inverse
 
@@ -157,11 +235,15 @@ def _reweighted(
     plane: Float[Array, " 3"], rays: Float[Array, "3 n"], inverse: Float[Array, " n"], tolerance: Float[Array, " n"]
 ) -> Float[Array, " 3"]:
     """One step of least squares weighted by Tukey's biweight; the plane stays where the weights leave it open."""
-    scaled = (inverse - plane @ rays) / (1.5 * tolerance)
-    weight = jnp.where((inverse > 0.0) & (jnp.abs(scaled) < 1.0), (1.0 - scaled**2) ** 2, 0.0) / tolerance**2
+    weight = _biweight((inverse - plane @ rays) / (1.5 * tolerance), inverse) / tolerance**2
     weight = weight / jnp.maximum(jnp.sum(weight), 1e-6)
     refined, determinant = _solve_3x3((rays * weight) @ rays.T, rays @ (weight * inverse))
     return jnp.where(determinant > 1e-7, refined, plane)
+
+
+def _biweight(scaled: Float[Array, " n"], inverse: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Tukey's weights of scaled residuals; 0 where the pixel is not usable."""
+    return jnp.where((inverse > 0.0) & (jnp.abs(scaled) < 1.0), (1.0 - scaled**2) ** 2, 0.0)
 
 
 def _height_pitch_roll(plane: Float[Array, "*k 3"]) -> tuple[Array, Array, Array]:

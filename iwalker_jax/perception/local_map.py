@@ -85,7 +85,7 @@ def build_local_map(
         check_depth_image(np.asarray(given[0]))
         CameraMount(*np.asarray(given[1]).tolist())
     depth = clean_depth(depth)
-    occupied, known_free = free_and_occupied(depth, mount, intrinsics, grid, obstacles)
+    occupied, known_free, _ = frame_cells(depth, mount, intrinsics, grid, obstacles)
     base_x, base_y = cell_offsets(grid, jnp.zeros(2))
     known_free = ~occupied & (known_free | (base_x**2 + base_y**2 <= BLIND_DISC_RADIUS**2))
     if soft is None:
@@ -101,20 +101,32 @@ def build_local_map(
     )
 
 
-def free_and_occupied(
+class FrameCells(NamedTuple):
+    """What one depth image shows of the cells of a grid.
+
+    Attributes:
+        occupied: an obstacle as `ObstacleParameters` say was seen here.
+        known_free: not occupied, and
+          - floor was seen in the cell; or
+          - it lies nearer to the camera than the first obstacle or drop of its bearing and no farther than the farthest
+            floor or obstacle seen along that bearing. This includes the wedge below the image's lower edge, between the
+            robot and the first surface seen; where nothing was seen along a bearing, the wedge stays unknown.
+        seen_free: known free without that wedge, in which a low obstacle may stand unseen.
+    """
+
+    occupied: Bool[Array, "rows columns"]
+    known_free: Bool[Array, "rows columns"]
+    seen_free: Bool[Array, "rows columns"]
+
+
+def frame_cells(
     depth: Float[Array, "height width"],
     mount: Float[Array, " 5"],
     intrinsics: Intrinsics,
     grid: GridSpec,
     obstacles: ObstacleParameters,
-) -> tuple[Bool[Array, "rows columns"], Bool[Array, "rows columns"]]:
-    """(occupied, known free) cells of a cleaned depth image, by what it shows alone.
-
-    A cell that is not occupied is known free if
-      - floor was seen in it; or
-      - it lies nearer to the camera than the first obstacle or drop of its bearing and no farther than the farthest
-        floor or obstacle seen along that bearing. This includes the wedge below the image's lower edge, between the
-        robot and the first surface seen; where nothing was seen along a bearing, the wedge stays unknown.
+) -> FrameCells:
+    """Occupied and free cells of a cleaned depth image, by what it shows alone.
 
     Args:
         depth: z-depth [m], 0 = no return (`clean_depth`).
@@ -143,6 +155,7 @@ def free_and_occupied(
     first_end = jnp.full(bins, jnp.inf, ranges.dtype).at[end_bin].min(ranges, mode="drop")
     surface_bin = jnp.where(floor | (ends & obstacle), pixel_bin, bins).ravel()
     farthest = jnp.zeros(bins, ranges.dtype).at[surface_bin].max(ranges, mode="drop")
+    nearest = jnp.full(bins, jnp.inf, ranges.dtype).at[surface_bin].min(ranges, mode="drop")
 
     ahead, left = cell_offsets(grid, mount[3:5])
     cell_range = jnp.sqrt(ahead**2 + left**2)
@@ -151,7 +164,12 @@ def free_and_occupied(
     in_view = (cell_range < first_end.at[cell_bin].get(mode="fill", fill_value=0.0) - half) & (
         cell_range <= farthest.at[cell_bin].get(mode="fill", fill_value=0.0)
     )
-    return occupied, ~occupied & (in_view | floor_seen)
+    below_view = cell_range < nearest.at[cell_bin].get(mode="fill", fill_value=jnp.inf) - half
+    return FrameCells(
+        occupied=occupied,
+        known_free=~occupied & (in_view | floor_seen),
+        seen_free=~occupied & ((in_view & ~below_view) | floor_seen),
+    )
 
 
 def _moved_to_brink(points: PointPlanes, drop: Bool[Array, "height width"], mount: Float[Array, " 5"]) -> PointPlanes:

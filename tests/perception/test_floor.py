@@ -6,7 +6,7 @@ import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
-from iwalker_jax.perception.floor import FloorParameters, fit_floor
+from iwalker_jax.perception.floor import FloorParameters, MountUncertainty, align_to_floor, fit_floor
 from tests.perception.box_scene import render
 
 INTRINSICS = Intrinsics()
@@ -17,6 +17,7 @@ FURNITURE = [
 ]
 
 fit = jax.jit(fit_floor, static_argnames=("intrinsics", "parameters"))
+align = jax.jit(align_to_floor, static_argnames=("intrinsics", "uncertainty"))
 
 
 def _stereo_noise(depth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -102,3 +103,49 @@ def test_real_frames_give_the_known_mount(real_depth_folder):
 def test_parameters_that_cannot_be_are_refused(bad):
     with pytest.raises(InputError):
         FloorParameters(**bad)
+
+
+def _mount_errors(boxes: list, seeds: int = 16) -> tuple[np.ndarray, np.ndarray]:
+    """(seeds, 3) errors of height [m], pitch and roll [rad] of believed mounts, before and after alignment."""
+    before, after = [], []
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        pitch, roll = rng.normal([0.26, 0.0], 0.02)
+        mount = CameraMount(height=rng.normal(0.58, 0.004), pitch=pitch, roll=roll)
+        depth = render(INTRINSICS, mount, boxes)
+        depth = (depth + 0.0025 * depth**2 * rng.standard_normal(depth.shape)).astype(np.float32)
+        error = np.clip(rng.standard_normal(3), -1.9, 1.9) * [0.005, np.deg2rad(0.5), np.deg2rad(0.5)]
+        believed = mount.as_array() + np.append(error, [0.0, 0.0]).astype(np.float32)
+        before.append(error)
+        after.append(np.asarray(align(depth, believed, INTRINSICS) - mount.as_array())[:3])
+    return np.array(before), np.array(after)
+
+
+@pytest.mark.parametrize("boxes", [[], FURNITURE, [(1.36, 1.44, -0.8, 0.8, 0.0, 0.03)]], ids=["bare", "room", "bar"])
+def test_a_believed_mount_is_corrected_by_the_floor_in_view(boxes):
+    """Oracle: the mount the scene was rendered with; what is left lifts the floor 0.9 m ahead by less than 10 mm."""
+    before, after = _mount_errors(boxes)
+    lift = np.array([1.0, 0.9, 0.0])
+    assert np.sqrt(np.mean((before @ lift) ** 2)) > 0.007
+    assert np.sqrt(np.mean((after @ lift) ** 2)) < 0.0045 and np.abs(after @ lift).max() < 0.010
+    assert np.sqrt(np.mean(after[:, 2] ** 2)) < 0.5 * np.sqrt(np.mean(before[:, 2] ** 2))
+
+
+def test_a_platform_pulls_the_believed_floor_up_by_little():
+    """Oracle: a platform of 60 mm from 0.8 m on; its height over the aligned floor stays above what is stepped over."""
+    _, after = _mount_errors([(0.8, 3.0, -0.8, 0.8, 0.0, 0.06)])
+    assert np.abs(after @ [1.0, 0.9, 0.0]).max() < 0.025
+
+
+def test_without_floor_in_view_the_mount_stays_and_no_correction_passes_its_limit():
+    """Oracle: by construction; no return, a wall alone, and a floor that lies 10 cm lower than believed."""
+    mount, uncertainty = CameraMount(), MountUncertainty()
+    wall = render(INTRINSICS, mount, [(0.5, 0.6, -5.0, 5.0, -1.0, 3.0)], floor=False)
+    for depth in (np.zeros_like(wall), wall):
+        np.testing.assert_allclose(align(depth, mount.as_array(), INTRINSICS), mount.as_array(), atol=1e-3)
+    lower = render(INTRINSICS, CameraMount(height=0.68), [])
+    change = np.abs(np.asarray(align(lower, mount.as_array(), INTRINSICS)) - np.asarray(mount.as_array()))
+    spread = np.array([uncertainty.height, uncertainty.tilt, uncertainty.tilt, 0.0, 0.0])
+    assert (change <= uncertainty.limit * spread + 1e-6).all()
+    with pytest.raises(InputError, match="positive"):
+        MountUncertainty(reach=0.0)

@@ -1,13 +1,15 @@
 """Local maps against scenes of known geometry: free, occupied and unknown are where a ray caster says they are."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
+from iwalker_jax.perception.collision_map import DEFAULT_OBSTACLES
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
-from iwalker_jax.perception.local_map import BLIND_DISC_RADIUS, build_local_map
+from iwalker_jax.perception.local_map import BLIND_DISC_RADIUS, build_local_map, frame_cells
 from tests.perception.box_scene import render
 
 INTRINSICS = Intrinsics()
@@ -139,3 +141,18 @@ def test_real_frames_give_floor_ahead(real_depth_folder):
 def test_millimetres_and_degrees_are_recognised_outside_jit(depth, mount, sentence, unchecked_types):
     with pytest.raises(InputError, match=sentence):
         build_local_map(depth, np.array(mount, np.float32), INTRINSICS)
+
+
+def test_what_lies_below_the_view_is_presumed_free_and_not_seen_to_be():
+    """Oracle: geometry; the image's lower edge meets the floor h / tan(pitch + half the view) ahead of the camera."""
+    depth = jnp.asarray(render(INTRINSICS, MOUNT, ROOM))
+    cells = frame_cells(depth, MOUNT.as_array(), INTRINSICS, DEFAULT_GRID, DEFAULT_OBSTACLES)
+    lower_edge = MOUNT.pitch + np.arctan((INTRINSICS.height - 1 - INTRINSICS.cy) / INTRINSICS.fy)
+    first = MOUNT.forward + MOUNT.height / np.tan(lower_edge)
+    x, y = np.moveaxis(np.asarray(DEFAULT_GRID.centres()), -1, 0)
+    ahead = (np.abs(y) < 0.3 * x) & (np.abs(y) < 0.3)
+    below = ahead & (x > 0.1) & (x < first - 0.05)
+    assert np.asarray(cells.known_free)[below].all() and not np.asarray(cells.seen_free)[below].any()
+    seen = ahead & (x > first + 0.08) & (x < 1.8)
+    assert np.asarray(cells.seen_free)[seen].all()
+    assert not np.asarray(cells.seen_free & ~cells.known_free).any()

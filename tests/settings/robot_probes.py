@@ -35,6 +35,7 @@ from iwalker_jax.navigation.map_memory import MapMemoryParameters, empty_memory,
 from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.navigation.path_band import BandParameters, safe_path
 from iwalker_jax.navigation.step_planning import PursuitParameters, held_on_spot, pursue
+from iwalker_jax.perception import FrameCells
 from iwalker_jax.perception.grid import DEFAULT_GRID
 from iwalker_jax.planning.planner import Planner, PlannerConfig
 from iwalker_jax.planning.robot_state import StepGeometry
@@ -135,7 +136,7 @@ def mapped(parameters: MapMemoryParameters) -> Any:
     """A map after one frame."""
     cells = jnp.zeros(DEFAULT_GRID.shape, bool)
     base = jnp.asarray([0.1, 0.2, 0.3])
-    memory = update_memory(parameters, empty_memory(parameters, base[:2]), base, cells, ~cells)
+    memory = update_memory(parameters, empty_memory(parameters, base[:2]), base, FrameCells(cells, ~cells, ~cells))
     return memory, memory_cells(parameters, memory)
 
 
@@ -264,7 +265,7 @@ PROBES = {
             guided,
             GuidanceParameters(source="route"),
             changes={"memory": dataclasses.replace(GuidanceParameters().memory, decay=0.01)},
-            only=("memory", "obstacles", "band", "traversal"),
+            only=("memory", "mount", "obstacles", "band", "traversal"),
         ),
     ),
 }

@@ -21,9 +21,9 @@ from iwalker_jax.optimization.unicycle.model import UnicycleParameters, initial_
 from iwalker_jax.optimization.unicycle.mpc import solve_unicycle
 from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject
 from iwalker_jax.perception.collision_map import ObstacleParameters
-from iwalker_jax.perception.floor import FloorParameters, fit_floor
+from iwalker_jax.perception.floor import FloorParameters, MountUncertainty, align_to_floor, fit_floor
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec
-from iwalker_jax.perception.local_map import free_and_occupied
+from iwalker_jax.perception.local_map import frame_cells
 from iwalker_jax.perception.soft_map import SoftOccupancy, soft_map
 from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
 from iwalker_jax.planning.footsteps import nominal_footsteps
@@ -99,10 +99,14 @@ PROBES = {
     CameraMount: Probe(lambda c: c.as_array(), CameraMount(), traced=False),
     GridSpec: Probe(lambda c: c.centres(), DEFAULT_GRID, traced=False),
     ObstacleParameters: Probe(
-        lambda c: free_and_occupied(depth_image(), MOUNT, SMALL, DEFAULT_GRID, c), ObstacleParameters()
+        lambda c: frame_cells(depth_image(), MOUNT, SMALL, DEFAULT_GRID, c), ObstacleParameters()
     ),
     SoftOccupancy: Probe(lambda c: soft_map(depth_image(), MOUNT, SMALL, soft=c), SoftOccupancy()),
     FloorParameters: Probe(lambda c: fit_floor(depth_image(), SMALL, c), FloorParameters()),
+    MountUncertainty: Probe(
+        lambda c: align_to_floor(depth_image(), MOUNT + jnp.asarray([0.004, 0.01, 0.01, 0.0, 0.0]), SMALL, c),
+        MountUncertainty(),
+    ),
     TraversalParameters: Probe(
         lambda c: traversal_cost(jnp.linspace(-0.2, 1.0, 9), jnp.full(9, 0.3), c), TraversalParameters()
     ),
