@@ -54,6 +54,7 @@ from iwalker_jax.navigation.guide import (  # noqa: E402
 from iwalker_jax.navigation.map_memory import memory_cells, update_memory, window_origin  # noqa: E402
 from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
 from iwalker_jax.perception import (  # noqa: E402
+    align_to_floor,
     best_routes,
     clean_depth,
     frame_cells,
@@ -124,7 +125,9 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
 
     def add_map(s: LoopState, at: Observation) -> tuple:
         grid = memory_parameters.frame_grid
-        frame = frame_cells(clean_depth(at.depth), at.mount, nav.intrinsics, grid, parameters.obstacles)
+        depth = clean_depth(at.depth)
+        mount = align_to_floor(depth, at.mount, nav.intrinsics, parameters.mount)
+        frame = frame_cells(depth, mount, nav.intrinsics, grid, parameters.obstacles)
         memory = update_memory(memory_parameters, s.memory, at.base, frame, grid)
         occupied, unknown = memory_cells(memory_parameters, memory)
         esdf = signed_distance_field(occupied, memory_parameters.resolution)
@@ -134,8 +137,9 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
 
     def route(esdf: jax.Array, unknown: jax.Array, origin: jax.Array, at: Observation) -> tuple:
         unseen = softened(coarse_mean(unknown.astype(esdf.dtype)))
-        to_go = route_costs(parameters, esdf, unseen, at.goal - origin)
-        return best_routes(to_go, unseen, at.goal - origin, at.base[:2] - origin, route_grid(memory_parameters.grid))
+        start, goal = at.base[:2] - origin, at.goal - origin
+        to_go = route_costs(parameters, esdf, unseen, start, goal)
+        return best_routes(to_go, unseen, goal, start, route_grid(memory_parameters.grid))
 
     def ipath(at: Observation) -> jax.Array:
         return network_path(nav.planner.merge(), at, at.goal)

@@ -61,7 +61,11 @@ class GuidanceParameters:
         obstacles: which points of a frame are obstacles.
         band: how paths are drawn off obstacles.
         required_clearance: [m] to remembered obstacles, body and sway; no route leads through what is narrower.
-        traversal: cost of the route; routes keep the sway of the gait off obstacles as well as the body.
+        committed_distance: [m] about the robot, within which the body alone must fit: a gap that it has walked up to
+            does not close before it because a cell of its walls fills up.
+        traversal: cost of the route; routes keep the sway of the gait off obstacles as well as the body. What is too
+            narrow is closed by `required_clearance`, so a gap that the body just fits costs as much as a detour of
+            about 2 m through what was not seen, and not of 5 m.
     """
 
     source: PathSource = "guided"
@@ -74,7 +78,8 @@ class GuidanceParameters:
     obstacles: ObstacleParameters = MAP_OBSTACLES
     band: BandParameters = BandParameters()
     required_clearance: float = BODY.gap_radius
-    traversal: TraversalParameters = TraversalParameters(body_radius=BODY.route_radius)
+    committed_distance: float = 0.35
+    traversal: TraversalParameters = TraversalParameters(body_radius=BODY.route_radius, contact=8.0)
 
     def __post_init__(self) -> None:
         if self.source not in get_args(PathSource):
@@ -83,6 +88,8 @@ class GuidanceParameters:
             raise InputError(
                 "GuidanceParameters needs positive lookahead, face_distance, start_radius and required_clearance [m]."
             )
+        if self.committed_distance < 0:
+            raise InputError("GuidanceParameters needs committed_distance >= 0 [m].")
 
 
 class Observation(NamedTuple):
@@ -147,7 +154,7 @@ def guide(
     occupied, unknown = memory_cells(parameters.memory, memory)
     esdf = signed_distance_field(occupied, parameters.memory.resolution)
     unseen = softened(coarse_mean(unknown.astype(esdf.dtype)))
-    to_go = route_costs(parameters, esdf, unseen, goal)
+    to_go = route_costs(parameters, esdf, unseen, start, goal)
     seen, whole = best_routes(to_go, unseen, goal, start, coarse)
     route_exists = _reachable_near(to_go, coarse, start, parameters.start_radius)
     path, detour = safe_path(parameters.band, seen, esdf, grid)
@@ -178,15 +185,19 @@ def route_costs(
     parameters: GuidanceParameters,
     esdf: Float[Array, "n n"],
     unseen: Float[Array, "quarter quarter"],
+    start: Float[Array, "2"],
     goal: Float[Array, "2"],
 ) -> Float[Array, "quarter quarter"]:
     """Cost of the cheapest route to the goal from every coarse cell of the window, with room for the body all along."""
+    grid = route_grid(parameters.memory.grid)
     cost = traversal_cost(coarse_mean(esdf), unseen, parameters.traversal)
     # The best place of a coarse cell decides: a gap that the body just fits is a line of fine cells.
     rows, columns = esdf.shape[0] // ROUTE_CELLS, esdf.shape[1] // ROUTE_CELLS
     roomiest = esdf.reshape(rows, ROUTE_CELLS, columns, ROUTE_CELLS).max(axis=(1, 3))
-    cost = jnp.where(roomiest < parameters.required_clearance, jnp.inf, cost)
-    return trusted_cost(cost_to_go(cost, goal, route_grid(parameters.memory.grid)))
+    committed = jnp.sum((grid.centres() - start) ** 2, axis=-1) < parameters.committed_distance**2
+    required = jnp.where(committed, parameters.band.min_clearance, parameters.required_clearance)
+    cost = jnp.where(roomiest < required, jnp.inf, cost)
+    return trusted_cost(cost_to_go(cost, goal, grid))
 
 
 def route_grid(grid: GridSpec) -> GridSpec:

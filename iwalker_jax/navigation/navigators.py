@@ -30,13 +30,14 @@ class NavigationPolicy(NamedTuple):
 
 POLICIES = {
     "default": NavigationPolicy(GuidanceParameters(), PursuitParameters(), True),
-    "networks": NavigationPolicy(GuidanceParameters(source="network"), None, True),
+    "networks": NavigationPolicy(GuidanceParameters(source="network"), PursuitParameters(), True),
     "published": NavigationPolicy(GuidanceParameters(source="network"), None, False),
     "classical": NavigationPolicy(GuidanceParameters(source="route"), PursuitParameters(), True),
 }
 """default: iPath's path to the next way point of the remembered route, drawn off the obstacles; iStepper on a line that
-the robot can turn along; the step MPC online. networks: iPath and iStepper alone choose the way, the step MPC keeps the
-balance. published: not even that. classical: the route instead of iPath's path."""
+the robot can turn along; the step MPC online. networks: iPath and iStepper alone choose the way, on such a line too;
+the step MPC keeps the balance. published: not even that, and the path as it is. classical: the route instead of iPath's
+path."""
 
 
 def make_navigator(

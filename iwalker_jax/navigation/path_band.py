@@ -22,21 +22,22 @@ class BandParameters:
 
     Attributes:
         desired_clearance: [m] below which obstacles repel the band.
-        min_clearance: [m] that the body needs; the path ends before it gets less.
+        min_clearance: [m] that the body needs; the path ends before it gets less. Which gaps are wide enough for the
+            gait's sway as well is for the routes to say.
         repulsion: share of the missing clearance that one iteration makes up.
         contraction: share of the bend that one iteration takes out.
         iterations: of the band.
         escape_slope: [m/m] at which the clearance of a path that starts with less than `min_clearance` must rise.
-        slack: [m] by which it may fall short of that, for the map's cells.
+        slack: [m] by which it may fall short of that: half a cell of the map.
     """
 
     desired_clearance: float = 0.38
-    min_clearance: float = BODY.gap_radius
+    min_clearance: float = BODY.radius
     repulsion: float = 0.3
     contraction: float = 0.25
     iterations: int = 30
-    escape_slope: float = 0.2
-    slack: float = 0.005
+    escape_slope: float = 0.1
+    slack: float = 0.0125
 
     def __post_init__(self) -> None:
         if not 0 < self.min_clearance < self.desired_clearance or self.iterations < 0:
