@@ -2,7 +2,6 @@
 
 import functools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -32,8 +31,6 @@ class ObstacleParameters:
         min_area: [m^2] image area, seen face on, that a small obstacle shows (a strip of 3 cm x 10 cm).
         min_points: fewest points that make a cell occupied, however far.
         max_points: number of points that always suffices, however near.
-        neighbour_share: of the points of the fullest neighbouring cell, fewest that make a cell occupied. Above 0 it
-            drops the cells that a wall's edge barely enters, and gaps lose one cell of their width instead of two.
     """
 
     min_height: float = BODY.step_over
@@ -45,7 +42,6 @@ class ObstacleParameters:
     min_area: float = 0.003
     min_points: int = 2
     max_points: int = 8
-    neighbour_share: float = 0.0
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(v) for v in (self.min_height, self.max_height, self.min_area)):
@@ -64,8 +60,6 @@ class ObstacleParameters:
             raise InputError("ObstacleParameters needs tolerance_range >= 0 and tolerance_slope >= 0.")
         if self.min_area <= 0.0 or not 1 <= self.min_points <= self.max_points:
             raise InputError("ObstacleParameters needs min_area > 0 and 1 <= min_points <= max_points.")
-        if not 0.0 <= self.neighbour_share <= 1.0:
-            raise InputError("ObstacleParameters needs a neighbour_share from 0 to 1.")
 
     def floor_band(self, ground_range: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
         """Heights [m] below and above which a point at a horizontal distance [m] is a drop or an obstacle."""
@@ -179,8 +173,7 @@ def occupied_cells(
     the thin tail of a wall's range noise does not.
     """
     needed = points_needed(camera_xy, intrinsics, grid, obstacles)
-    enough = (sum_3x3(counts) >= needed) & (3 * counts >= needed)
-    return enough & (counts >= obstacles.neighbour_share * _max_3x3(counts))
+    return (sum_3x3(counts) >= needed) & (3 * counts >= needed)
 
 
 def occupancy_map(
@@ -242,17 +235,7 @@ def _blur(values: Float[Array, "rows columns"]) -> Float[Array, "rows columns"]:
 
 def sum_3x3(counts: Num[Array, "rows columns"]) -> Num[Array, "rows columns"]:
     """Sum over each cell and its eight neighbours; nothing lies outside the map."""
-    return _over_3x3(jnp.add, counts)
-
-
-def _max_3x3(counts: Num[Array, "rows columns"]) -> Num[Array, "rows columns"]:
-    return _over_3x3(jnp.maximum, counts)
-
-
-def _over_3x3(
-    combine: Callable[[Array, Array], Array], counts: Num[Array, "rows columns"]
-) -> Num[Array, "rows columns"]:
     rows, columns = counts.shape
     padded = jnp.pad(counts, 1)
-    vertical = combine(combine(padded[:rows], padded[1 : rows + 1]), padded[2:])
-    return combine(combine(vertical[:, :columns], vertical[:, 1 : columns + 1]), vertical[:, 2:])
+    vertical = padded[:rows] + padded[1 : rows + 1] + padded[2:]
+    return vertical[:, :columns] + vertical[:, 1 : columns + 1] + vertical[:, 2:]

@@ -97,7 +97,7 @@ def soft_map(
         mount: [height, pitch, roll, forward, left] as in `CameraMount`, known or from `fit_floor`.
         intrinsics: of this image size.
         grid: of the map, base frame.
-        obstacles: obstacle heights and point counts; their `neighbour_share` has no soft counterpart and is left out.
+        obstacles: obstacle heights and point counts.
         soft: how gradual they are.
 
     Raises:

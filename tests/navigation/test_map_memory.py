@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.guide import GuidanceParameters
 from iwalker_jax.navigation.map_memory import (
     MapMemoryParameters,
     empty_memory,
@@ -14,12 +13,9 @@ from iwalker_jax.navigation.map_memory import (
     update_memory,
     window_origin,
 )
-from iwalker_jax.perception import CameraMount, FrameCells, Intrinsics, clean_depth, frame_cells
-from iwalker_jax.perception.camera import camera_pose
+from iwalker_jax.perception import FrameCells
 from iwalker_jax.perception.grid import DEFAULT_GRID
-from iwalker_jax.scenes import DepthNoise, add_depth_noise, hard_room, render_depth
 
-GUIDANCE = GuidanceParameters()
 PARAMETERS = MapMemoryParameters(resolution=DEFAULT_GRID.resolution, cells=80)
 CENTRES = np.asarray(DEFAULT_GRID.centres())
 NOTHING = FrameCells(*[jnp.zeros(DEFAULT_GRID.shape, bool)] * 3)
@@ -180,35 +176,3 @@ def test_a_threshold_that_has_left_the_view_at_the_lower_edge_stays():
     places = np.asarray(PARAMETERS.grid.centres())
     ahead = (np.linalg.norm(places, axis=-1) < 1.1) & (places[..., 0] > DEFAULT_GRID.x_min + PARAMETERS.resolution)
     assert not np.asarray(unknown)[ahead & ~np.asarray(occupied)].any()
-
-
-@jax.jit
-def look(scene, memory, base, key):
-    """The memory after one more noisy image from a pose in a scene, as the guide keeps it."""
-    mount = CameraMount().as_array()
-    R_base_camera, p_base_camera = camera_pose(mount)
-    cos, sin = jnp.cos(base[2]), jnp.sin(base[2])
-    R_world_base = jnp.asarray([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    place = R_world_base @ p_base_camera + jnp.append(base[:2], 0.0)
-    depth = render_depth(scene, Intrinsics(), R_world_base @ R_base_camera, place)
-    depth = clean_depth(add_depth_noise(key, depth, DepthNoise(), Intrinsics()))
-    grid = GUIDANCE.memory.frame_grid
-    cells = frame_cells(depth, mount, Intrinsics(), grid, GUIDANCE.obstacles)
-    return update_memory(GUIDANCE.memory, memory, base, cells, grid)
-
-
-@pytest.mark.parametrize(("name", "fewest", "most"), [("gap_40", 0.35, 0.40), ("gap_45", 0.425, 0.475)])
-def test_a_gap_that_the_robot_fits_looks_wider_than_one_that_it_does_not(name, fewest, most):
-    """Oracle: the gap's width less one cell; a walk towards it with the sway of a gait, in six arrangements."""
-    cells = MapMemoryParameters().resolution
-    for seed in range(6):
-        room = hard_room(name, np.random.default_rng(seed))
-        memory = empty_memory(GUIDANCE.memory, jnp.asarray([room.start.x, room.start.y]))
-        for k, x in enumerate(np.arange(room.start.x, 1.1, 0.02)):
-            base = jnp.asarray([x, 0.012 * np.sin(0.8 * k), 0.03 * np.sin(0.8 * k + 1)])
-            memory = look(room.scene.arrays(), memory, base, jax.random.key(1000 * seed + k))
-        occupied, _ = memory_cells(GUIDANCE.memory, memory)
-        places = np.asarray(GUIDANCE.memory.grid.centres()) + np.asarray(window_origin(GUIDANCE.memory, memory))
-        passage = (np.abs(places[..., 0] - 1.4) < 0.15) & (np.abs(places[..., 1]) < 0.35)
-        free = np.sum(passage & ~np.asarray(occupied), axis=1)[passage.any(axis=1)]
-        assert fewest - 1e-6 <= free.min() * cells <= most + 1e-6, seed
