@@ -8,7 +8,7 @@ import pytest
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
 from iwalker_jax.perception.cost_to_go import cost_to_go, descend
 from iwalker_jax.perception.depth_cleanup import clean_depth
-from iwalker_jax.perception.floor import fit_floor
+from iwalker_jax.perception.floor import align_to_floor, fit_floor
 from iwalker_jax.perception.grid import GridSpec
 from iwalker_jax.perception.local_map import LocalMap, build_local_map
 from iwalker_jax.perception.seen_route import ROUTE_POINTS, best_routes
@@ -48,6 +48,21 @@ def test_the_fitted_floor_feels_the_depth_image(x64):
     assert_gradients_agree(pose, depth, tolerance=1e-4)
     slope = jax.grad(lambda values: fit_floor(values, CAMERA).inlier_fraction)(depth)
     np.testing.assert_array_equal(slope, 0)
+
+
+def test_an_aligned_mount_feels_the_depth_image_and_the_believed_mount(x64):
+    """Oracle: central differences; zero where the floor may correct no more."""
+    depth, believed = jnp.asarray(seen(), jnp.float64), MOUNT.as_array().astype(jnp.float64)
+    believed = believed + jnp.asarray([0.003, 0.005, -0.004, 0.0, 0.0])
+
+    @jax.jit
+    def aligned(values, mount):
+        return align_to_floor(jnp.where(depth > 0, values, 0.0), mount, CAMERA)
+
+    assert_gradients_agree(lambda values: aligned(values, believed), depth, tolerance=1e-4)
+    assert_gradients_agree(lambda mount: aligned(depth, mount), believed, tolerance=1e-4)
+    lifted = jax.jacrev(lambda values: aligned(values, believed.at[0].add(0.014))[0])(depth)
+    np.testing.assert_array_equal(lifted, 0)
 
 
 @pytest.mark.parametrize("name", LocalMap._fields)
