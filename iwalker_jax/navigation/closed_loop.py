@@ -41,6 +41,8 @@ from iwalker_jax.scenes import DepthNoise, SceneArrays
 from iwalker_jax.tasks import TaskArrays
 from iwalker_jax.walking import Conditions, Sample, Walker, WalkState, start_walk, walk_tick
 
+_LEAST_OFFSET = 0.005  # [m] to more room, below which the spot stays: the band's steps end short of it
+
 
 @dataclass(frozen=True)
 class LoopParameters:
@@ -335,7 +337,10 @@ def _with_footsteps(navigator: Navigator, request: StepRequest, state: LoopState
         time=gait.time,
     )
     istepper, guidance = navigator.planner.merge().istepper, request.guidance
-    spot = jnp.where(stands, centre_of(stance, istepper.geometry.width), state.spot)
+    centre = centre_of(stance, istepper.geometry.width)
+    # Beside an obstacle the spot moves off it: turning there, the body would sway and drift into it.
+    cramped = jnp.sum(guidance.room_offset**2) > _LEAST_OFFSET**2
+    spot = jnp.where(cramped, centre + guidance.room_offset, jnp.where(stands, centre, state.spot))
     follow, spot = plan_steps(navigator.pursuit, istepper, guidance.path, guidance.face_point, stance, spot)
     stop = stop_steps(istepper.geometry.count, istepper.geometry.width, stance)
     ends = begun & request.stop

@@ -10,7 +10,7 @@ from iwalker_jax.checks import Scalar
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, arc_length, interpolate_along, resample_by_arc_length, to_base, to_world
 from iwalker_jax.navigation.map_memory import MapMemory, MapMemoryParameters, memory_cells, update_memory, window_origin
-from iwalker_jax.navigation.path_band import BAND_POINTS, BandParameters, safe_path
+from iwalker_jax.navigation.path_band import BAND_POINTS, BandParameters, safe_path, way_to_room
 from iwalker_jax.perception import (
     DEFAULT_OBSTACLES,
     UNREACHABLE,
@@ -113,12 +113,14 @@ class Guidance(NamedTuple):
         face_point: (2,) [m] world, where to turn to if the path gives no direction.
         detour: () bool, the route took the place of a path of iPath's that led nowhere.
         route_exists: () bool, as far as was seen, a route to the goal may exist.
+        room_offset: (2,) [m] world axes, from the robot to where it has room to turn on the spot; zero where it has.
     """
 
     path: Float[Array, "k 2"]
     face_point: Float[Array, "2"]
     detour: Bool[Array, ""]
     route_exists: Bool[Array, ""]
+    room_offset: Float[Array, "2"]
 
 
 def guide(
@@ -140,7 +142,8 @@ def guide(
     observation = observation._replace(depth=clean_depth(observation.depth))
     if parameters.source == "network":
         path = resample_by_arc_length(network_path(planner, observation, observation.goal), BAND_POINTS)
-        return memory, Guidance(path, observation.goal, jnp.asarray(False), jnp.asarray(True))
+        no_offset = jnp.zeros_like(observation.goal)
+        return memory, Guidance(path, observation.goal, jnp.asarray(False), jnp.asarray(True), no_offset)
     frame_grid, grid = parameters.memory.frame_grid, parameters.memory.grid
     coarse = route_grid(grid)
     mount = align_to_floor(observation.depth, observation.mount, intrinsics, parameters.mount)
@@ -168,6 +171,7 @@ def guide(
         face_point=_on_route(whole, parameters.face_distance) + origin,
         detour=detour,
         route_exists=route_exists,
+        room_offset=way_to_room(parameters.band, start, esdf, grid),
     )
 
 

@@ -28,6 +28,7 @@ class BandParameters:
         contraction: share of the bend that one iteration takes out.
         iterations: of the band.
         escape_slope: [m/m] at which the clearance of a path that starts with less than `min_clearance` must rise.
+        turning_clearance: [m] that a robot that turns on the spot shall have, for its sway and the drift of its steps.
         slack: [m] by which it may fall short of that: half a cell of the map.
     """
 
@@ -36,12 +37,15 @@ class BandParameters:
     repulsion: float = 0.3
     contraction: float = 0.25
     iterations: int = 30
+    turning_clearance: float = 0.25
     escape_slope: float = 0.1
     slack: float = 0.0125
 
     def __post_init__(self) -> None:
         if not 0 < self.min_clearance < self.desired_clearance or self.iterations < 0:
             raise InputError("BandParameters needs 0 < min_clearance < desired_clearance and iterations >= 0.")
+        if not self.turning_clearance >= self.min_clearance:
+            raise InputError("BandParameters needs turning_clearance of at least min_clearance [m].")
         if self.escape_slope < 0 or self.slack < 0:
             raise InputError("BandParameters needs escape_slope >= 0 and slack >= 0.")
         if not (0 < self.repulsion <= 1 and 0 < self.contraction <= 0.5):
@@ -79,3 +83,20 @@ def safe_path(
     open_way = jnp.cumprod(~blocked).astype(bool)
     last = band[jnp.maximum(jnp.sum(open_way) - 1, 0)]
     return jnp.where(open_way[:, None], band, last), ~open_way[-1]
+
+
+def way_to_room(
+    parameters: BandParameters, place: Float[Array, "2"], esdf: Float[Array, "rows columns"], grid: GridSpec
+) -> Float[Array, "2"]:
+    """Offset [m] from a place to where a robot has room to turn, up the distance field; zero where it has.
+
+    Args:
+        place: of the robot [m].
+        esdf: signed distance [m] to the obstacles; grid: where its cells lie, in the place's frame.
+    """
+
+    def climb(_: Int[Array, ""], at: Float[Array, "2"]) -> Float[Array, "2"]:
+        distance, slope = jax.value_and_grad(lambda point: sample_smooth(esdf, grid, point))(at)
+        return at + parameters.repulsion * jnp.maximum(parameters.turning_clearance - distance, 0.0) * slope
+
+    return jax.lax.fori_loop(0, parameters.iterations, climb, place) - place

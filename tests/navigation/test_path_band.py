@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.path_band import BandParameters, safe_path
+from iwalker_jax.navigation.path_band import BandParameters, safe_path, way_to_room
 from iwalker_jax.perception.distance_field import signed_distance_field
 from iwalker_jax.perception.grid import GridSpec
 
@@ -53,6 +53,20 @@ def test_a_robot_that_stands_too_close_can_walk_away_but_not_closer():
     assert not cut and float(away[-1, 0]) > 2.9
     closer, _ = band(-STRAIGHT, esdf)
     assert float(closer[:, 0].min()) > -0.01
+
+
+def test_room_to_turn_lies_straight_off_a_wall_and_in_the_middle_of_a_corridor():
+    """Oracle: the wall's place; a corridor of 0.44 m, in which no place has more room than its middle."""
+    wall = signed_distance_field(jnp.asarray(CENTRES[..., 0] < -0.2), 0.05)
+    for distance in (0.10, 0.20, 0.30):
+        offset = way_to_room(PARAMETERS, jnp.asarray([distance - 0.2, 0.0]), wall, GRID)
+        expected = max(PARAMETERS.turning_clearance - distance, 0.0)
+        np.testing.assert_allclose(offset, [expected, 0.0], atol=0.012)
+    grid = GridSpec(-1.0, -1.0, 0.02, 100, 100)
+    across = np.asarray(grid.centres())[..., 1]
+    corridor = signed_distance_field(jnp.asarray(np.abs(across) > 0.22), 0.02)
+    offset = way_to_room(PARAMETERS, jnp.asarray([0.1, 0.06]), corridor, grid)
+    np.testing.assert_allclose(offset, [0.0, -0.06], atol=0.03)
 
 
 @pytest.mark.parametrize("width", [0.30, 0.34, 0.36])
