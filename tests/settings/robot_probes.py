@@ -33,7 +33,7 @@ from iwalker_jax.navigation.faults import make_faults
 from iwalker_jax.navigation.guide import GuidanceParameters, Observation, guide
 from iwalker_jax.navigation.map_memory import MapMemoryParameters, empty_memory, memory_cells, update_memory
 from iwalker_jax.navigation.navigators import make_navigator
-from iwalker_jax.navigation.path_band import BandParameters, safe_path
+from iwalker_jax.navigation.path_band import BandParameters, safe_path, way_to_room
 from iwalker_jax.navigation.step_planning import PursuitParameters, held_on_spot, pursue
 from iwalker_jax.perception import FrameCells
 from iwalker_jax.perception.grid import DEFAULT_GRID
@@ -205,7 +205,13 @@ PROBES = {
     ),
     MapMemoryParameters: (Probe(mapped, MapMemoryParameters(), changes={"cells": 80}, followed=False),),
     BandParameters: (
-        Probe(lambda c: safe_path(c, PATH, jnp.ones(DEFAULT_GRID.shape), DEFAULT_GRID), BandParameters()),
+        Probe(
+            lambda c: (
+                safe_path(c, PATH, jnp.ones(DEFAULT_GRID.shape), DEFAULT_GRID),
+                way_to_room(c, jnp.zeros(2), jnp.ones(DEFAULT_GRID.shape), DEFAULT_GRID),
+            ),
+            BandParameters(),
+        ),
     ),
     PursuitParameters: (
         Probe(
