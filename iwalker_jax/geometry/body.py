@@ -44,7 +44,7 @@ class BodyParameters:
 
     @property
     def gap_radius(self) -> float:
-        """[m] nearer than which no path goes on."""
+        """[m] nearer than which no route leads on."""
         return _sum(self.radius, self.gap_margin)
 
 
