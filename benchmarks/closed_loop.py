@@ -48,16 +48,15 @@ from iwalker_jax.navigation.guide import (  # noqa: E402
     coarse_mean,
     guide,
     network_path,
+    remember,
     route_costs,
     route_grid,
 )
-from iwalker_jax.navigation.map_memory import memory_cells, update_memory, window_origin  # noqa: E402
+from iwalker_jax.navigation.map_memory import memory_cells, window_origin  # noqa: E402
 from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
 from iwalker_jax.perception import (  # noqa: E402
-    align_to_floor,
     best_routes,
     clean_depth,
-    frame_cells,
     signed_distance_field,
     softened,
 )
@@ -124,11 +123,7 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
     cleaned = observation._replace(depth=jax.jit(jax.vmap(clean_depth))(depth))
 
     def add_map(s: LoopState, at: Observation) -> tuple:
-        grid = memory_parameters.frame_grid
-        depth = clean_depth(at.depth)
-        mount = align_to_floor(depth, at.mount, nav.intrinsics, parameters.mount)
-        frame = frame_cells(depth, mount, nav.intrinsics, grid, parameters.obstacles)
-        memory = update_memory(memory_parameters, s.memory, at.base, frame, grid)
+        memory = remember(parameters, nav.intrinsics, s.memory, at._replace(depth=clean_depth(at.depth)))
         occupied, unknown = memory_cells(memory_parameters, memory)
         esdf = signed_distance_field(occupied, memory_parameters.resolution)
         return esdf, unknown, window_origin(memory_parameters, memory)

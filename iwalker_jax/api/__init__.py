@@ -7,14 +7,23 @@ from iwalker_jax.lazy_names import lazy_names
 if TYPE_CHECKING:
     from iwalker_jax.api.episodes import EpisodesResult, run_episodes
     from iwalker_jax.api.planner import load_planner
-    from iwalker_jax.api.walking import WalkResult, measure_walk, simulate_walk, walk
+    from iwalker_jax.api.walking import Engine, WalkResult, measure_walk, simulate_walk, walk
 
-__all__ = ["EpisodesResult", "WalkResult", "load_planner", "measure_walk", "run_episodes", "simulate_walk", "walk"]
+__all__ = [
+    "Engine",
+    "EpisodesResult",
+    "WalkResult",
+    "load_planner",
+    "measure_walk",
+    "run_episodes",
+    "simulate_walk",
+    "walk",
+]
 
 _HOMES = {
     "episodes": "EpisodesResult run_episodes",
     "planner": "load_planner",
-    "walking": "WalkResult measure_walk simulate_walk walk",
+    "walking": "Engine WalkResult measure_walk simulate_walk walk",
 }
 
 __getattr__, __dir__ = lazy_names(__name__, _HOMES)

@@ -21,7 +21,7 @@ from iwalker_jax.control.leg_effect import initial_residual
 from iwalker_jax.control.parameters import GaitParameters
 from iwalker_jax.control.stepping import SteppingGains
 from iwalker_jax.control.swing import TrajectoryPoint
-from iwalker_jax.geometry import Side, angle_between, other_side, turn
+from iwalker_jax.geometry import Side, angle_between, other_side, smooth_step, turn
 from iwalker_jax.optimization import pendulum_flow
 
 
@@ -72,8 +72,7 @@ def advance_gait(
     state = change_mode(gait, rate, posture, plan, state)
     walking = state.mode == GaitMode.WALK
     swing = swing_reference(gait, gains, time_step, posture, plan, state)
-    share = jnp.clip(state.time / gait.shift_time, 0, 1)
-    blend = share**2 * (3 - 2 * share)
+    blend = smooth_step(jnp.clip(state.time / gait.shift_time, 0, 1))
 
     stance_foot = posture.feet[state.stance]
     pressure = _standing_pressure(gait, rate, capture_gain, blend, posture, plan, state)

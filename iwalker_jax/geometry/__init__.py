@@ -20,6 +20,7 @@ from iwalker_jax.geometry.splines import (
     interpolate_along,
     path_tangents,
     resample_by_arc_length,
+    smooth_step,
 )
 
 __all__ = [
@@ -40,6 +41,7 @@ __all__ = [
     "safe_sqrt",
     "side_of_step",
     "side_sign",
+    "smooth_step",
     "tilt_error",
     "to_base",
     "to_world",

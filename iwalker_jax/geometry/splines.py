@@ -8,6 +8,11 @@ from jaxtyping import Array, Float
 from iwalker_jax.geometry.norms import safe_norm
 
 
+def smooth_step(share: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """The cubic from 0 at 0 to 1 at 1 that starts and ends level."""
+    return share * share * (3.0 - 2.0 * share)
+
+
 def hermite_basis(n_knots: int, n_samples: int) -> np.ndarray:
     """Matrix (n_samples, n_knots) that maps knots to a uniformly sampled cubic Hermite spline.
 

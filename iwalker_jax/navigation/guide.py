@@ -144,11 +144,9 @@ def guide(
         path = resample_by_arc_length(network_path(planner, observation, observation.goal), BAND_POINTS)
         no_offset = jnp.zeros_like(observation.goal)
         return memory, Guidance(path, observation.goal, jnp.asarray(False), jnp.asarray(True), no_offset)
-    frame_grid, grid = parameters.memory.frame_grid, parameters.memory.grid
+    grid = parameters.memory.grid
     coarse = route_grid(grid)
-    mount = align_to_floor(observation.depth, observation.mount, intrinsics, parameters.mount)
-    frame = frame_cells(observation.depth, mount, intrinsics, frame_grid, parameters.obstacles)
-    memory = update_memory(parameters.memory, memory, observation.base, frame, frame_grid)
+    memory = remember(parameters, intrinsics, memory, observation)
     origin = window_origin(parameters.memory, memory)
     start, goal = observation.base[:2] - origin, observation.goal - origin
     occupied, unknown = memory_cells(parameters.memory, memory)
@@ -173,6 +171,16 @@ def guide(
         route_exists=route_exists,
         room_offset=way_to_room(parameters.band, start, esdf, grid),
     )
+
+
+def remember(
+    parameters: GuidanceParameters, intrinsics: Intrinsics, memory: MapMemory, observation: Observation
+) -> MapMemory:
+    """The memory with a frame added, from an observation whose depth is cleaned."""
+    grid = parameters.memory.frame_grid
+    mount = align_to_floor(observation.depth, observation.mount, intrinsics, parameters.mount)
+    frame = frame_cells(observation.depth, mount, intrinsics, grid, parameters.obstacles)
+    return update_memory(parameters.memory, memory, observation.base, frame, grid)
 
 
 def network_path(planner: Planner, observation: Observation, goal: Float[Array, "2"]) -> Float[Array, "n 2"]:

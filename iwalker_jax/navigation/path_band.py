@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from iwalker_jax.checks import Scalar
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, arc_length, resample_by_arc_length
 from iwalker_jax.perception import GridSpec, sample_smooth
@@ -62,21 +63,14 @@ def safe_path(
         esdf: signed distance [m] to the obstacles; grid: where its cells lie, in the path's frame.
     """
 
-    def clearance(point: Float[Array, "2"]) -> Float[Array, ""]:
-        return sample_smooth(esdf, grid, point)
-
-    sense = jax.vmap(jax.value_and_grad(clearance))
-
     def relax(_: Int[Array, ""], band: Float[Array, "k 2"]) -> Float[Array, "k 2"]:
-        distance, slope = sense(band)
-        missing = jnp.maximum(parameters.desired_clearance - distance, 0.0)
-        moved = band + parameters.repulsion * missing[:, None] * slope
+        moved = _repelled(parameters, band, parameters.desired_clearance, esdf, grid)
         bend = moved[:-2] - 2 * moved[1:-1] + moved[2:]
         moved = moved.at[1:-1].add(parameters.contraction * bend)
         return moved.at[0].set(band[0])
 
     band = jax.lax.fori_loop(0, parameters.iterations, relax, resample_by_arc_length(path, BAND_POINTS))
-    distance, _ = sense(band)
+    distance = jax.vmap(lambda point: sample_smooth(esdf, grid, point))(band)
     # A robot that stands closer than it should must be able to walk away, but not on through a gap that is too tight.
     escaping = distance[0] + parameters.escape_slope * arc_length(band) - parameters.slack
     blocked = distance < jnp.minimum(parameters.min_clearance, escaping)
@@ -95,8 +89,20 @@ def way_to_room(
         esdf: signed distance [m] to the obstacles; grid: where its cells lie, in the place's frame.
     """
 
-    def climb(_: Int[Array, ""], at: Float[Array, "2"]) -> Float[Array, "2"]:
-        distance, slope = jax.value_and_grad(lambda point: sample_smooth(esdf, grid, point))(at)
-        return at + parameters.repulsion * jnp.maximum(parameters.turning_clearance - distance, 0.0) * slope
+    def climb(_: Int[Array, ""], at: Float[Array, "1 2"]) -> Float[Array, "1 2"]:
+        return _repelled(parameters, at, parameters.turning_clearance, esdf, grid)
 
-    return jax.lax.fori_loop(0, parameters.iterations, climb, place) - place
+    return jax.lax.fori_loop(0, parameters.iterations, climb, place[None])[0] - place
+
+
+def _repelled(
+    parameters: BandParameters,
+    points: Float[Array, "k 2"],
+    wanted: Scalar,
+    esdf: Float[Array, "rows columns"],
+    grid: GridSpec,
+) -> Float[Array, "k 2"]:
+    """Points [m] moved up the distance field by a share of the clearance [m] that they miss."""
+    distance, slope = jax.vmap(jax.value_and_grad(lambda point: sample_smooth(esdf, grid, point)))(points)
+    missing = jnp.maximum(wanted - distance, 0.0)
+    return points + parameters.repulsion * missing[:, None] * slope

@@ -173,7 +173,7 @@ def align_to_floor(
     spread = jnp.asarray([uncertainty.height, uncertainty.tilt, uncertainty.tilt], mount.dtype)
     plane, slope = _plane_of(mount[:3]), jax.jacfwd(_plane_of)(mount[:3]) * spread
     # A pixel that the believed floor misses by more than the belief allows is none of the floor's.
-    tolerance = jnp.full_like(inverse, uncertainty.limit * uncertainty.tilt / mount[0])
+    tolerance = uncertainty.limit * uncertainty.tilt / mount[0]
 
     def corrected(_: Int[Array, ""], errors: Float[Array, " 3"]) -> Float[Array, " 3"]:
         weight = _biweight((inverse - (plane + slope @ errors) @ rays) / (1.5 * tolerance), inverse)

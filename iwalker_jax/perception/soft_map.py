@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.checks import Scalar, require_plain_numbers
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import safe_norm
+from iwalker_jax.geometry import safe_norm, smooth_step
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.collision_map import (
     DEFAULT_OBSTACLES,
@@ -115,8 +115,7 @@ def soft_map(
 
 def _ramp(excess: Float[Array, "*shape"], width: Scalar) -> Float[Array, "*shape"]:
     """0 below -width/2, 1 above width/2, and smooth between (a cubic)."""
-    share = jnp.clip(excess / width + 0.5, 0.0, 1.0)
-    return share * share * (3.0 - 2.0 * share)
+    return smooth_step(jnp.clip(excess / width + 0.5, 0.0, 1.0))
 
 
 def _obstacle_weight(

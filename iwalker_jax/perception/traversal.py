@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from iwalker_jax.checks import require_plain_numbers
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import BODY
+from iwalker_jax.geometry import BODY, smooth_step
 
 
 @dataclass(frozen=True)
@@ -44,5 +44,9 @@ def traversal_cost(
     """Cost per metre at a clearance [m] and a degree of being unknown (0 seen .. 1 unseen); differentiable."""
     tightness = jnp.clip((parameters.comfort - clearance) / (parameters.comfort - parameters.body_radius), 0.0, 1.0)
     touching = jnp.clip((parameters.body_radius - clearance) / parameters.contact_ramp + 0.5, 0.0, 1.0)
-    smooth = touching * touching * (3.0 - 2.0 * touching)
-    return 1.0 + parameters.discomfort * tightness**2 + parameters.contact * smooth + parameters.unknown * unknown
+    return (
+        1.0
+        + parameters.discomfort * tightness**2
+        + parameters.contact * smooth_step(touching)
+        + parameters.unknown * unknown
+    )

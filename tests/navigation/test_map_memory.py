@@ -43,6 +43,19 @@ def occupied_points(memory) -> np.ndarray:
     return (np.asarray(PARAMETERS.grid.centres()) + np.asarray(window_origin(PARAMETERS, memory)))[np.asarray(occupied)]
 
 
+def rounded(memory) -> set[tuple]:
+    """World positions of the occupied cells, to compare."""
+    return {tuple(point) for point in np.round(occupied_points(memory), 3)}
+
+
+def with_a_disc(ahead: float):
+    """The memory of a disc of 10 cm that was seen three times so far ahead, and its `rounded` cells."""
+    memory = empty_memory(PARAMETERS, jnp.zeros(2))
+    for _ in range(3):
+        memory = update(PARAMETERS, memory, jnp.zeros(3), frame(np.zeros(3), np.array([ahead, 0.0]), radius=0.1))
+    return memory, rounded(memory)
+
+
 def test_an_obstacle_is_remembered_in_its_place_while_the_robot_walks_past():
     """Oracle: the obstacle's disc in the world, within the two roundings to cells."""
     obstacle = np.array([1.3, 0.35])
@@ -132,14 +145,10 @@ def test_what_stands_beside_the_robot_is_remembered_after_it_left_the_view():
 
 def test_the_body_makes_unknown_floor_free_and_nothing_else():
     """Oracle: by construction; a disc of the body's radius, of which a part was seen to be occupied."""
-    obstacle = np.array([0.45, 0.0])
-    memory = empty_memory(PARAMETERS, jnp.zeros(2))
-    for _ in range(3):
-        memory = update(PARAMETERS, memory, jnp.zeros(3), frame(np.zeros(3), obstacle, radius=0.1))
-    before = {tuple(point) for point in np.round(occupied_points(memory), 3)}
+    memory, before = with_a_disc(0.45)
     for _ in range(60):
         memory = update(PARAMETERS, memory, jnp.asarray([0.35, 0.0, 0.0]), NOTHING)
-    assert before and before == {tuple(point) for point in np.round(occupied_points(memory), 3)}
+    assert before and before == rounded(memory)
     _, unknown = memory_cells(PARAMETERS, memory)
     places = np.asarray(PARAMETERS.grid.centres()) + np.asarray(window_origin(PARAMETERS, memory))
     under = np.linalg.norm(places - [0.35, 0.0], axis=-1) < PARAMETERS.body_radius - 0.01
@@ -162,16 +171,12 @@ def test_useless_parameters_are_refused():
 
 def test_a_threshold_that_has_left_the_view_at_the_lower_edge_stays():
     """Oracle: by construction; floor that is presumed free frees what nobody saw, and no obstacle that was seen."""
-    obstacle = np.array([0.9, 0.0])
-    memory = empty_memory(PARAMETERS, jnp.zeros(2))
-    for _ in range(3):
-        memory = update(PARAMETERS, memory, jnp.zeros(3), frame(np.zeros(3), obstacle, radius=0.1))
-    before = {tuple(point) for point in np.round(occupied_points(memory), 3)}
+    memory, before = with_a_disc(0.9)
     wedge = jnp.asarray(np.linalg.norm(CENTRES, axis=-1) < 1.2)
     presumed = FrameCells(jnp.zeros_like(wedge), wedge, jnp.zeros_like(wedge))
     for _ in range(60):
         memory = update(PARAMETERS, memory, jnp.zeros(3), presumed)
-    assert before and before == {tuple(point) for point in np.round(occupied_points(memory), 3)}
+    assert before and before == rounded(memory)
     occupied, unknown = memory_cells(PARAMETERS, memory)
     places = np.asarray(PARAMETERS.grid.centres())
     ahead = (np.linalg.norm(places, axis=-1) < 1.1) & (places[..., 0] > DEFAULT_GRID.x_min + PARAMETERS.resolution)

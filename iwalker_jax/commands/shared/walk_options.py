@@ -3,10 +3,11 @@
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import tyro
 
+from iwalker_jax.api import Engine
 from iwalker_jax.errors import InputError
 from iwalker_jax.optimization import QpMethod
 from iwalker_jax.scenes.imported.mesh_frame import Up
@@ -103,7 +104,7 @@ class WalkOptions:
 
     motion: Annotated[MotionOptions, tyro.conf.arg(name="")] = MotionOptions()
     robots: int = 1
-    engine: Literal["mjx", "mjx.step", "mujoco"] = "mjx"
+    engine: Engine = "mjx"
     solver: QpMethod = "active_set"
     view: bool = False
     devices: int | None = None

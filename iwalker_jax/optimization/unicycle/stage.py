@@ -199,15 +199,11 @@ def expand(after: CostToGo, stage: Stage, second_order: bool) -> Expansion:
     Pcv, Pct = P.xv * c + P.yv * s + P.vv, P.xt * c + P.yt * s + P.vt
     Pdx, Pdy = P.xx * d + P.xy * e + P.xt, P.xy * d + P.yy * e + P.yt
     Pdv, Pdt = P.xv * d + P.yv * e + P.vt, P.xt * d + P.yt * e + P.tt
-    vv = c * Pcx + s * Pcy + Pcv
-    vt = c * Pdx + s * Pdy + Pdv
+    vt, tt = c * Pdx + s * Pdy + Pdv, d * Pdx + e * Pdy + Pdt
     if second_order:
-        vt = vt + (c * P.y - s * P.x)
-    tt = d * Pdx + e * Pdy + Pdt
-    if second_order:
-        tt = tt - v * (c * P.x + s * P.y)
+        vt, tt = vt + (c * P.y - s * P.x), tt - v * (c * P.x + s * P.y)
     return Expansion(
-        vv=vv,
+        vv=c * Pcx + s * Pcy + Pcv,
         vt=vt,
         tt=tt,
         w=stage.turn * stage.w + dt * P.t,
