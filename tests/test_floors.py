@@ -21,7 +21,7 @@ FLOORS = (
     ("commands",),
     ("experiments",),
     ("benchmarks",),
-    ("examples",),
+    ("examples", "notebooks"),
 )
 """Rooms from the ground up: a file imports from its own room and from floors below, never beside or above."""
 
@@ -41,6 +41,8 @@ def room_of(module: str) -> str | None:
     head, *rest = module.split(".")
     if head == "iwalker_jax":
         return rest[0] if rest else None
+    if (head, *rest[:1]) == ("experiments", "notebooks"):
+        return "notebooks"
     return head if head in LOWEST else None
 
 
@@ -81,21 +83,21 @@ def test_nobody_goes_back_out_through_the_front_door():
     out = [
         str(file.relative_to(ROOT))
         for file in product_files()
-        if room_of(module_of(file)) not in (None, "examples") and "iwalker_jax" in imported_modules(file)
+        if room_of(module_of(file)) not in (None, *FLOORS[-1]) and "iwalker_jax" in imported_modules(file)
     ]
     assert out == [], "the front door is for users; import from the room"
 
 
-def test_examples_go_in_by_the_front_door_and_the_faces_of_rooms():
+def test_examples_and_notebooks_go_in_by_the_front_door_and_the_faces_of_rooms():
     deep = [
         f"{file.relative_to(ROOT)} imports {module}"
         for file in product_files()
-        if room_of(module_of(file)) == "examples"
+        if room_of(module_of(file)) in FLOORS[-1]
         for module in imported_modules(file)
         if module.split(".")[0] in ("iwalker_jax", "experiments", "benchmarks", "bruce_model")
         and not (ROOT / module.replace(".", "/") / "__init__.py").exists()
     ]
-    assert deep == [], "examples import from faces"
+    assert deep == [], "examples and notebooks import from faces"
 
 
 def test_no_circles_between_files():

@@ -44,6 +44,24 @@ print(json.dumps({"early": early, "late": "jax" in sys.modules, "devices": sys.m
     assert json.loads(printed_by("-c", code)) == {"early": True, "late": True, "devices": 3}
 
 
+def test_configuring_twice_does_no_harm_and_too_late_is_said():
+    """As when a notebook's first cell is run again."""
+    code = """
+import os
+import iwalker_jax as iw
+iw.configure_runtime()
+import jax
+before = dict(os.environ)
+iw.configure_runtime()
+assert dict(os.environ) == before
+try:
+    iw.configure_runtime(host_devices=3)
+except RuntimeError as error:
+    print(error)
+"""
+    assert "after `import jax`" in printed_by("-c", code)
+
+
 @pytest.mark.parametrize("name", iw.__all__)
 def test_every_name_is_there_and_documented(name):
     value = getattr(iw, name)

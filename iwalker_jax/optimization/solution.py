@@ -44,7 +44,7 @@ _SENTENCES = {
 }
 
 
-def describe(status: int) -> str:
+def describe(status: int | Array) -> str:
     """Say in one sentence what a status means and what to do about it.
 
     Raises:

@@ -13,16 +13,23 @@ _XLA_CPU_FLAGS = (
 )
 
 
+_configured_for: list[int | None] = []  # the devices that this process was configured for
+
+
 def configure_runtime(host_devices: int | None = None) -> None:
     """Set XLA, BLAS and compilation-cache defaults; a user's own environment variables win.
+
+    Doing so again changes nothing, so that a notebook's first cell can be run twice.
 
     Args:
         host_devices: number of CPU devices to expose (data parallelism without accelerators); None keeps one.
 
     Raises:
-        RuntimeError: if JAX has already been imported, because the settings would silently not apply.
+        RuntimeError: if JAX was imported before, or for other devices, because the settings would silently not apply.
     """
     if "jax" in sys.modules:
+        if _configured_for == [host_devices]:
+            return
         raise RuntimeError("configure_runtime() came after `import jax`; call it first so that its settings apply.")
     flags = os.environ.get("XLA_FLAGS", "")
     wanted = list(_XLA_CPU_FLAGS)
@@ -37,6 +44,7 @@ def configure_runtime(host_devices: int | None = None) -> None:
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(default_cache_folder() / "xla"))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+    _configured_for[:] = [host_devices]
 
 
 def requested_devices(arguments: list[str]) -> int | None:
