@@ -123,7 +123,7 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
     cleaned = observation._replace(depth=jax.jit(jax.vmap(clean_depth))(depth))
 
     def add_map(s: LoopState, at: Observation) -> tuple:
-        memory = remember(parameters, nav.intrinsics, s.memory, at._replace(depth=clean_depth(at.depth)))
+        memory = remember(parameters, nav.intrinsics, s.sight.map, at._replace(depth=clean_depth(at.depth)))
         occupied, unknown = memory_cells(memory_parameters, memory)
         esdf = signed_distance_field(occupied, memory_parameters.resolution)
         return esdf, unknown, window_origin(memory_parameters, memory)
@@ -140,7 +140,7 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
         return network_path(nav.planner.merge(), at, at.goal)
 
     def guidance_of(s: LoopState, at: Observation) -> Guidance:
-        return guide(parameters, nav.planner.merge(), nav.intrinsics, s.memory, at)[1]
+        return guide(parameters, nav.planner.merge(), nav.intrinsics, s.sight.map, at)[1]
 
     guidance = jax.jit(jax.vmap(guidance_of))(state, observation)
 
@@ -156,12 +156,14 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
 
     def think(c: Conditions, s: LoopState) -> Any:
         def tick(memory: Any, _: None) -> tuple[Any, None]:
-            return sense_and_control(nav.walker, c, s.plan, memory, s.walk.physics.qpos, s.walk.physics.qvel)[0], None
+            physics = s.walk.physics
+            return sense_and_control(nav.walker, c, s.steps.plan, memory, physics.qpos, physics.qvel)[0], None
 
         return jax.lax.scan(tick, s.walk.memory, None, length=TICKS)[0]
 
     def walk(c: Conditions, s: LoopState) -> Any:
-        return jax.lax.scan(lambda w, _: (walk_tick(nav.walker, c, s.plan, w)[0], None), s.walk, None, length=TICKS)[0]
+        plan = s.steps.plan
+        return jax.lax.scan(lambda w, _: (walk_tick(nav.walker, c, plan, w)[0], None), s.walk, None, length=TICKS)[0]
 
     def clearance(task: TaskArrays, s: LoopState) -> jax.Array:
         return body_clearance_at(nav.walker.robot, nav.volume, task.scene, s.walk.physics.qpos)
@@ -211,7 +213,7 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
     controller = navigator.walker.controller
     setting = Setting(navigator, generated_tasks(1), warm=15)
     walk = jax.tree.map(lambda leaf: leaf[0], setting.state.walk)
-    plan = jax.tree.map(lambda leaf: leaf[0], setting.state.plan)
+    plan = jax.tree.map(lambda leaf: leaf[0], setting.state.steps.plan)
 
     def control(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
         terms = rigid_body_terms(navigator.walker.robot, qpos, qvel)

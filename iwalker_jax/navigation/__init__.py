@@ -3,12 +3,12 @@
 from iwalker_jax.navigation.body_volume import BodyVolume, body_clearance, body_clearance_at, load_body_volume
 from iwalker_jax.navigation.camera import RobotCamera, base_pose, camera_in_world, load_camera, measured_mount
 from iwalker_jax.navigation.camera_health import HealthParameters
-from iwalker_jax.navigation.closed_loop import LoopParameters, LoopState, Navigator, run_episode, start_episode
+from iwalker_jax.navigation.closed_loop import LoopState, run_episode, start_episode
 from iwalker_jax.navigation.episodes import EpisodeProgram, RunProgress, TaskBatch, place_at
 from iwalker_jax.navigation.faults import Faults, make_faults
 from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, Observation, guide
 from iwalker_jax.navigation.map_memory import MapCell, MapMemory, MapMemoryParameters
-from iwalker_jax.navigation.navigators import POLICIES, NavigationPolicy, make_navigator
+from iwalker_jax.navigation.navigators import POLICIES, LoopParameters, NavigationPolicy, Navigator, make_navigator
 from iwalker_jax.navigation.path_band import BandParameters, safe_path
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.navigation.step_planning import PursuitParameters

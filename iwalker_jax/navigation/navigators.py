@@ -1,17 +1,88 @@
-"""Navigators to compare: the networks as published, the networks with lower levels online, the classical planner."""
+"""The robot that finds its way, and ways to compare: the networks as published, with lower levels online, a classical
+planner."""
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
+
+import jax
 
 from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.body_volume import load_body_volume
-from iwalker_jax.navigation.camera import load_camera
-from iwalker_jax.navigation.closed_loop import LoopParameters, Navigator
+from iwalker_jax.navigation.body_volume import BodyVolume, load_body_volume
+from iwalker_jax.navigation.camera import RobotCamera, load_camera
+from iwalker_jax.navigation.camera_health import HealthParameters
 from iwalker_jax.navigation.guide import GuidanceParameters
 from iwalker_jax.navigation.step_planning import PursuitParameters
-from iwalker_jax.planning import Planner, split_module
+from iwalker_jax.perception import Intrinsics
+from iwalker_jax.planning import Planner, SplitModule, split_module
 from iwalker_jax.scenes import DepthNoise
-from iwalker_jax.walking import Sensors, default_walker
+from iwalker_jax.walking import Sensors, Walker, default_walker
+
+
+@dataclass(frozen=True)
+class LoopParameters:
+    """Clocks and ends of an episode.
+
+    Attributes:
+        ticks_per_check: control ticks from one check whether new footsteps are due to the next.
+        checks_per_frame: such checks in a camera frame.
+        latency_frames: camera frames from taking an image to planning on it, and on the pose at which it was taken.
+        arrival_distance: [m] from which a goal counts as reached.
+        progress_distance: [m] of displacement that counts as progress.
+        progress_timeout: [s] without progress after which the robot gives up.
+        route_timeout: [s] without any route on the map after which it does.
+    """
+
+    ticks_per_check: int = 11
+    checks_per_frame: int = 3
+    latency_frames: int = 0
+    arrival_distance: float = 0.30
+    progress_distance: float = 0.30
+    progress_timeout: float = 15.0
+    route_timeout: float = 4.0
+
+    def __post_init__(self) -> None:
+        if self.ticks_per_check < 1 or self.checks_per_frame < 1:
+            raise InputError("LoopParameters needs at least one tick per check and one check per frame.")
+        if self.latency_frames < 0:
+            raise InputError("LoopParameters needs a latency of 0 or more camera frames.")
+        if not min(self.arrival_distance, self.progress_distance, self.progress_timeout, self.route_timeout) > 0:
+            raise InputError("LoopParameters needs positive distances [m] and times [s].")
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Navigator:
+    """A robot with everything that makes it find its way.
+
+    Attributes:
+        walker: the walking robot.
+        camera: fixed to the robot.
+        volume: of the robot's body, for its clearance.
+        planner: the networks.
+        guidance: how paths come about.
+        pursuit: how footsteps do; None takes the networks' output as it is.
+        noise: of the depth camera; None for ideal depth.
+        intrinsics: of its images.
+        loop: clocks and ends of an episode.
+        health: when the camera counts as failed.
+    """
+
+    walker: Walker
+    camera: RobotCamera
+    volume: BodyVolume
+    planner: SplitModule[Planner]
+    guidance: GuidanceParameters = field(metadata={"static": True}, default=GuidanceParameters())
+    pursuit: PursuitParameters | None = field(metadata={"static": True}, default=PursuitParameters())
+    noise: DepthNoise | None = field(metadata={"static": True}, default=DepthNoise())
+    intrinsics: Intrinsics = field(metadata={"static": True}, default=Intrinsics())
+    loop: LoopParameters = field(metadata={"static": True}, default=LoopParameters())
+    health: HealthParameters = field(metadata={"static": True}, default=HealthParameters())
+
+    @property
+    def frame_time(self) -> float:
+        """[s] between two camera frames."""
+        return self.loop.ticks_per_check * self.loop.checks_per_frame * self.walker.controller.time_step
 
 
 class NavigationPolicy(NamedTuple):

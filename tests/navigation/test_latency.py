@@ -10,9 +10,9 @@ from flax import nnx
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation import closed_loop
-from iwalker_jax.navigation.closed_loop import LoopParameters, run_episode, start_episode
+from iwalker_jax.navigation.closed_loop import run_episode, start_episode
 from iwalker_jax.navigation.faults import make_faults
-from iwalker_jax.navigation.navigators import make_navigator
+from iwalker_jax.navigation.navigators import LoopParameters, make_navigator
 from iwalker_jax.navigation.sightings import Sighting, deliver, start_sightings
 from iwalker_jax.planning.ipath import IPathConfig
 from iwalker_jax.planning.planner import Planner, PlannerConfig

@@ -27,12 +27,12 @@ from iwalker_jax.estimation import (
 )
 from iwalker_jax.navigation.camera import RobotCamera, load_camera
 from iwalker_jax.navigation.camera_health import HealthParameters, check_camera, healthy_camera
-from iwalker_jax.navigation.closed_loop import LoopParameters, Navigator, camera_frame, start_episode
+from iwalker_jax.navigation.closed_loop import camera_frame, start_episode
 from iwalker_jax.navigation.depth_camera import start_depth_camera, take_depth
 from iwalker_jax.navigation.faults import make_faults
 from iwalker_jax.navigation.guide import GuidanceParameters, Observation, guide
 from iwalker_jax.navigation.map_memory import MapMemoryParameters, empty_memory, memory_cells, update_memory
-from iwalker_jax.navigation.navigators import make_navigator
+from iwalker_jax.navigation.navigators import LoopParameters, Navigator, make_navigator
 from iwalker_jax.navigation.path_band import BandParameters, safe_path, way_to_room
 from iwalker_jax.navigation.step_planning import PursuitParameters, held_on_spot, pursue
 from iwalker_jax.perception import FrameCells
