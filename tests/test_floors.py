@@ -15,7 +15,7 @@ FLOORS = (
     ("planning", "scenes", "control", "estimation"),
     ("tasks", "walking"),
     ("navigation", "film"),
-    ("data",),
+    ("data", "deployment"),
     ("training", "evaluation"),
     ("api",),
     ("commands",),

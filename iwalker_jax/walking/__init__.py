@@ -16,6 +16,7 @@ from iwalker_jax.walking.commands import (
     standing_feet,
 )
 from iwalker_jax.walking.mujoco_rollout import (
+    MujocoRobot,
     roll_out_mujoco,
 )
 from iwalker_jax.walking.record import (
@@ -61,6 +62,7 @@ __all__ = [
     "Disturbances",
     "Motion",
     "MotionKind",
+    "MujocoRobot",
     "Sample",
     "Sensors",
     "TickStates",

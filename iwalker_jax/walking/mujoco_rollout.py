@@ -37,7 +37,7 @@ def roll_out_mujoco(
         samples: recording intervals of `every` ticks.
     """
     count = conditions.friction.shape[0]
-    robots = [_Robot(model, jax.tree.map(lambda leaf, k=k: leaf[k], conditions)) for k in range(count)]
+    robots = [MujocoRobot(model, jax.tree.map(lambda leaf, k=k: leaf[k], conditions)) for k in range(count)]
     memory = _start_memories(walker, conditions)
     records: list[Any] = []
     for tick in range(samples * every):
@@ -56,7 +56,7 @@ def roll_out_mujoco(
     return jax.tree.map(lambda *parts: np.stack(parts, axis=1), *records)
 
 
-class _EngineState(NamedTuple):
+class EngineState(NamedTuple):
     """What the engine says of one robot before a tick; arrays of its float type."""
 
     time: Any
@@ -68,7 +68,7 @@ class _EngineState(NamedTuple):
 
 
 def _tick(
-    walker: Walker, conditions: Conditions, plan: FootstepPlan, memory: ControllerMemory, engine: _EngineState
+    walker: Walker, conditions: Conditions, plan: FootstepPlan, memory: ControllerMemory, engine: EngineState
 ) -> tuple[ControllerMemory, tuple[Array, Array, Array], Sample]:
     """One robot's tick but for the physics: memory, (torques, push, fallen) and record."""
     pressed = jnp.any(engine.forces != 0, axis=1)
@@ -83,7 +83,7 @@ def _tick(
 
 @jax.jit
 def _tick_all(
-    walker: Walker, conditions: Conditions, plan: FootstepPlan, memories: ControllerMemory, engines: _EngineState
+    walker: Walker, conditions: Conditions, plan: FootstepPlan, memories: ControllerMemory, engines: EngineState
 ) -> tuple[ControllerMemory, tuple[Array, Array, Array], Sample]:
     """All robots' ticks; compiled once for each number of robots and of the plan's rows."""
     plan_axis = 0 if plan.yaws.ndim == 2 else None
@@ -95,7 +95,7 @@ def _start_memories(walker: Walker, conditions: Conditions) -> ControllerMemory:
     return jax.vmap(start_memory, in_axes=(None, 0))(walker, conditions)
 
 
-class _Robot:
+class MujocoRobot:
     """One robot in the C engine."""
 
     def __init__(self, model: mujoco.MjModel, conditions: Conditions) -> None:
@@ -110,7 +110,7 @@ class _Robot:
         self.points = {self.model.geom(name).id: k for k, name in enumerate(CONTACT_POINTS)}
         self.fallen = False
 
-    def read(self) -> _EngineState:
+    def read(self) -> EngineState:
         """State, and the contact forces and specific force of the last step."""
         data, forces = self.data, np.zeros((len(self.points), 3))
         wrench = np.zeros(6)
@@ -127,7 +127,7 @@ class _Robot:
         time, qpos, qvel, force, specific = (
             np.array(part, self.dtype) for part in (data.time, data.qpos, data.qvel, forces, acceleration[3:])
         )
-        return _EngineState(time, qpos, qvel, force, specific, np.array(self.fallen))
+        return EngineState(time, qpos, qvel, force, specific, np.array(self.fallen))
 
     def step(self, torques: np.ndarray, push: np.ndarray, fallen: bool) -> None:
         """One physics step, unless the robot fallen."""

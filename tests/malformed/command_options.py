@@ -99,6 +99,7 @@ CALLED: dict[str, Called] = {
             "--seed": SEED,
         },
     ),
+    "export": Called({"--run": RUN, "--out": FOLDER, "--policy": NAME, "--verify": NONE_TOO, "--seed": SEED}),
     "ablation": STUDY,
     "compare": STUDY,
     "evaluate": Called(

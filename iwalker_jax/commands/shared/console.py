@@ -12,6 +12,7 @@ import jax
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from iwalker_jax.deployment.loader import ArtifactError
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.runtime import ProcessGroup, exit_process, is_first, join_group, local_devices
 from iwalker_jax.runtime.files import first_line
@@ -24,7 +25,15 @@ P = ParamSpec("P")
 STOPPED = 130
 """Exit status of a command that Ctrl-C ended."""
 
-FAILURES = (InputError, CheckpointError, FloatingPointError, OSError, MemoryError, jax.errors.JaxRuntimeError)
+FAILURES = (
+    InputError,
+    CheckpointError,
+    ArtifactError,
+    FloatingPointError,
+    OSError,
+    MemoryError,
+    jax.errors.JaxRuntimeError,
+)
 """What a command answers with one sentence."""
 
 LARGEST_COUNT = 1_000_000

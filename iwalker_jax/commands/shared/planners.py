@@ -34,5 +34,10 @@ def planner_of(run: Path | None, checkpoint: int | None = None) -> tuple[Planner
 
 def fingerprint(planner: Planner) -> str:
     """Eight hexadecimal digits that change with any parameter."""
+    return parameters_digest(planner)[:8]
+
+
+def parameters_digest(planner: Planner) -> str:
+    """SHA-256 of all parameters: 64 hexadecimal digits."""
     leaves = jax.tree_util.tree_flatten_with_path(nnx.state(planner, nnx.Param))[0]
-    return digest({jax.tree_util.keystr(path): leaf for path, leaf in leaves})[:8]
+    return digest({jax.tree_util.keystr(path): leaf for path, leaf in leaves})
