@@ -12,7 +12,7 @@ from iwalker_jax.evaluation.episodes.metrics import (
     row_of,
     shortest_route,
 )
-from iwalker_jax.evaluation.episodes.pictures import save_episode, save_episode_grid
+from iwalker_jax.evaluation.episodes.pictures import draw_episode, save_episode, save_episode_grid
 from iwalker_jax.evaluation.episodes.report import Report, write_report
 from iwalker_jax.evaluation.episodes.schedule import (
     EPISODE_SETS,
@@ -45,6 +45,7 @@ __all__ = [
     "StudyProgress",
     "StudySettings",
     "batch_metrics",
+    "draw_episode",
     "episode_metrics",
     "episode_table",
     "episode_values",
