@@ -15,8 +15,8 @@ from iwalker_jax.commands.shared.console import (
     say,
 )
 from iwalker_jax.commands.shared.planners import parameters_digest, planner_of
+from iwalker_jax.deployment.exported_functions import exported_functions
 from iwalker_jax.deployment.rehearsal import differing_frames
-from iwalker_jax.deployment.stages import robot_stages
 from iwalker_jax.deployment.writer import write_policy
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation import POLICIES, make_navigator
@@ -67,14 +67,14 @@ def export_policy(command: Command) -> int:
     require_writable(command.out)
     planner, config, name = planner_of(command.run)
     navigator = make_navigator(command.policy, planner, sensors="none", depth_noise=False)
-    stages = robot_stages(navigator)
+    exported = exported_functions(navigator)
     described = {
         "policy": command.policy,
         "weights": {"source": name, "sha256": parameters_digest(planner)},
         "configuration": config_to_dict(config),
     }
-    with progress_bar("functions", len(stages)) as show:
-        write_policy(command.out, navigator, stages, described, show)
+    with progress_bar("functions", len(exported)) as show:
+        write_policy(command.out, navigator, exported, described, show)
     say(f"The policy {command.policy} of {name} is in {command.out}, for JAX {jax.__version__} and its neighbours.")
     if not command.verify:
         return 0

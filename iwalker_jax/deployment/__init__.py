@@ -5,24 +5,24 @@ from typing import TYPE_CHECKING
 from iwalker_jax.lazy_names import lazy_names
 
 if TYPE_CHECKING:
+    from iwalker_jax.deployment.exported_functions import ExportedFunction, exported_functions
     from iwalker_jax.deployment.loader import Artifact, ArtifactError, load, read_manifest, use_settings
-    from iwalker_jax.deployment.stages import Stage, robot_stages
     from iwalker_jax.deployment.writer import write_policy
 
 __all__ = [
     "Artifact",
     "ArtifactError",
-    "Stage",
+    "ExportedFunction",
+    "exported_functions",
     "load",
     "read_manifest",
-    "robot_stages",
     "use_settings",
     "write_policy",
 ]
 
 _HOMES = {
     "loader": "Artifact ArtifactError load read_manifest use_settings",
-    "stages": "Stage robot_stages",
+    "exported_functions": "ExportedFunction exported_functions",
     "writer": "write_policy",
 }
 

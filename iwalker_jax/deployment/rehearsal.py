@@ -6,12 +6,11 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from bruce_model import load_mujoco
 from iwalker_jax.deployment import loader
+from iwalker_jax.deployment.exported_functions import exported_functions
 from iwalker_jax.deployment.functions import Arrays
 from iwalker_jax.deployment.lockstep import Function, Lockstep, Rates
 from iwalker_jax.deployment.simulated_robot import SimulatedRobot
-from iwalker_jax.deployment.stages import robot_stages
 from iwalker_jax.geometry import host
 from iwalker_jax.navigation.navigators import Navigator
 from iwalker_jax.planning import PATH_POINTS
@@ -56,7 +55,7 @@ def differing_frames(
 
         return call
 
-    functions = {name: compared(name, jax.jit(stage.function)) for name, stage in robot_stages(navigator).items()}
+    functions = {name: compared(name, jax.jit(entry.function)) for name, entry in exported_functions(navigator).items()}
     walk_in_office(functions, navigator, frames, seed, on_progress)
     return differing
 
@@ -70,7 +69,7 @@ def walk_in_office(
 ) -> None:
     """Call all of a policy's functions along a walk through the office, the networks with what the robot sees there."""
     task = named_task(SCENE, seed)
-    robot = SimulatedRobot(navigator, load_mujoco(), task, seed)
+    robot = SimulatedRobot(task, navigator.intrinsics, seed)
     rates = Rates(navigator.loop.ticks_per_check, navigator.loop.checks_per_frame)
     loop = Lockstep(functions, robot, task.goals, rates)
     mount = np.asarray(navigator.planner.merge().config.ipath.mount.as_array(), np.float32)

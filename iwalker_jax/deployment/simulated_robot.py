@@ -3,13 +3,14 @@
 from typing import NamedTuple
 
 import jax
-import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
-from iwalker_jax.navigation import body_clearance_at, place_at
+from bruce_model import load_mujoco
+from iwalker_jax.navigation import body_clearance_at, load_body_volume, load_camera, place_at
 from iwalker_jax.navigation.depth_camera import start_depth_camera, take_depth
-from iwalker_jax.navigation.navigators import Navigator
+from iwalker_jax.perception import Intrinsics
+from iwalker_jax.robot import load_robot
 from iwalker_jax.scenes import DepthNoise, SceneArrays
 from iwalker_jax.tasks import Task, stack_tasks
 from iwalker_jax.walking import Disturbances, MujocoRobot, sample_conditions
@@ -33,34 +34,28 @@ class SimulatedRobot:
 
     def __init__(
         self,
-        navigator: Navigator,
-        model: mujoco.MjModel,
         task: Task,
+        intrinsics: Intrinsics = Intrinsics(),
         seed: int = 0,
         noise: DepthNoise | None = DepthNoise(),
     ) -> None:
         """Stand at the start.
 
         Args:
-            navigator: whose camera and body it is.
-            model: the robot for the C engine.
             task: scene and start.
-            seed: of its conditions and its camera's noise.
+            intrinsics: of the camera's images.
+            seed: of the robot's conditions and its camera's noise.
             noise: of the camera; None for ideal depth.
         """
+        model = load_mujoco()
+        robot, camera, volume = load_robot(model), load_camera(model), load_body_volume(model)
         arrays = stack_tasks([task])
-        drawn = place_at(sample_conditions(navigator.walker.robot, Disturbances(), 1, seed), arrays.start)
+        drawn = place_at(sample_conditions(robot, Disturbances(), 1, seed), arrays.start)
         conditions = jax.tree.map(lambda leaf: leaf[0], drawn)
         scene: SceneArrays = jax.tree.map(lambda leaf: leaf[0], arrays.scene)
-        self.time_step = float(model.opt.timestep)
+        self.time_step = robot.time_step
         self._robot = MujocoRobot(model, conditions)
-        self._camera_state = start_depth_camera(navigator.camera, conditions.qpos, conditions.key)
-        camera, intrinsics, robot, volume = (
-            navigator.camera,
-            navigator.intrinsics,
-            navigator.walker.robot,
-            navigator.volume,
-        )
+        self._camera_state = start_depth_camera(camera, conditions.qpos, conditions.key)
         self._take = jax.jit(lambda qpos, state: take_depth(camera, intrinsics, noise, scene, qpos, state))
         self._clearance = jax.jit(lambda qpos: body_clearance_at(robot, volume, scene, qpos))
 
@@ -72,7 +67,11 @@ class SimulatedRobot:
 
     def depth(self) -> Float[np.ndarray, "height width"]:
         """A depth image [m] from where the camera is now, 0 = no return."""
-        self._camera_state, depth = self._take(self._robot.read().qpos, self._camera_state)
+        return self.depth_from(self._robot.read().qpos)
+
+    def depth_from(self, qpos: Float[np.ndarray, " nq"]) -> Float[np.ndarray, "height width"]:
+        """A depth image [m] from where the camera is in a state, a little while ago perhaps."""
+        self._camera_state, depth = self._take(qpos, self._camera_state)
         return np.asarray(depth)
 
     def clearance(self) -> float:

@@ -13,9 +13,9 @@ import jaxlib
 from jax import export
 
 from iwalker_jax.deployment import loader
+from iwalker_jax.deployment.exported_functions import ExportedFunction
 from iwalker_jax.deployment.fields import field_of
 from iwalker_jax.deployment.functions import MEMORY
-from iwalker_jax.deployment.stages import Stage
 from iwalker_jax.navigation.navigators import Navigator
 from iwalker_jax.runtime.files import atomic_write, write_bytes, write_json
 from iwalker_jax.version import __version__
@@ -30,7 +30,7 @@ LOADER = "load_policy.py"
 def write_policy(
     folder: Path,
     navigator: Navigator,
-    stages: Mapping[str, Stage],
+    exported: Mapping[str, ExportedFunction],
     described: Mapping[str, Any],
     on_progress: Callable[[int, str], None] = lambda done, name: None,
 ) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def write_policy(
     Args:
         folder: to write to; an older policy there is replaced.
         navigator: the robot.
-        stages: its functions.
+        exported: its functions.
         described: what else the manifest says: policy, weights, configuration.
         on_progress: hears how many functions are written, and which is next.
 
@@ -52,21 +52,21 @@ def write_policy(
     manifest_file = folder / loader.MANIFEST
     manifest_file.unlink(missing_ok=True)
     functions = {}
-    for number, (name, stage) in enumerate(stages.items()):
+    for number, (name, entry) in enumerate(exported.items()):
         on_progress(number, name)
-        exported = export.export(jax.jit(stage.function), platforms=PLATFORMS)(dict(stage.inputs))
-        content = bytes(exported.serialize())
+        artifact = export.export(jax.jit(entry.function), platforms=PLATFORMS)(dict(entry.inputs))
+        content = bytes(artifact.serialize())
         file = f"{name}.jaxexport"
         write_bytes(folder / file, content)
         functions[name] = {
             "file": file,
             "sha256": hashlib.sha256(content).hexdigest(),
-            "purpose": stage.purpose,
-            "rate_hz": stage.rate,
-            "memory": MEMORY if any(key.startswith(f"{MEMORY}.") for key in stage.inputs) else None,
-            "platforms": list(exported.platforms),
-            "inputs": _described(stage.inputs),
-            "outputs": _described(jax.tree.unflatten(exported.out_tree, exported.out_avals)),
+            "purpose": entry.purpose,
+            "rate_hz": entry.rate,
+            "memory": MEMORY if any(key.startswith(f"{MEMORY}.") for key in entry.inputs) else None,
+            "platforms": list(artifact.platforms),
+            "inputs": _described(entry.inputs),
+            "outputs": _described(jax.tree.unflatten(artifact.out_tree, artifact.out_avals)),
         }
     with atomic_write(folder / LOADER) as part:
         shutil.copyfile(loader.__file__, part)
@@ -76,7 +76,7 @@ def write_policy(
         "versions": {
             "jax": jax.__version__,
             "jaxlib": jaxlib.__version__,
-            "calling_convention": exported.calling_convention_version,
+            "calling_convention": artifact.calling_convention_version,
         },
         "environment": {"XLA_FLAGS": _xla_flags()},
         **described,
@@ -87,7 +87,7 @@ def write_policy(
     }
     manifest["sha256"] = loader.manifest_digest(manifest)
     write_json(manifest_file, manifest)
-    on_progress(len(stages), "")
+    on_progress(len(exported), "")
     return manifest
 
 

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from flax import nnx
 from jax import export
 
+from iwalker_jax.deployment.exported_functions import ExportedFunction
 from iwalker_jax.deployment.functions import shape_of
-from iwalker_jax.deployment.stages import Stage
 from iwalker_jax.deployment.writer import write_policy
 from iwalker_jax.navigation import make_navigator
 from iwalker_jax.planning import IPathConfig, Planner, PlannerConfig
@@ -28,5 +28,5 @@ def write_formula(folder: Path, navigator) -> dict:
     """An exported policy of this one function; returns its manifest."""
     (batch,) = export.symbolic_shape("batch")
     inputs = {"time": shape_of(()), "path": shape_of((batch, 3, 2)), "touching": shape_of((2,), bool)}
-    stages = {"formula": Stage(formula, inputs, 500.0, "Twice the time and the row.")}
-    return write_policy(folder, navigator, stages, {"policy": "formula"})
+    exported = {"formula": ExportedFunction(formula, inputs, 500.0, "Twice the time and the row.")}
+    return write_policy(folder, navigator, exported, {"policy": "formula"})

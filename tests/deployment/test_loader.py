@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from iwalker_jax.deployment import loader
+from iwalker_jax.deployment.exported_functions import exported_functions
 from iwalker_jax.deployment.fields import field_of
 from iwalker_jax.deployment.loader import ArtifactError
 from iwalker_jax.deployment.named_arrays import from_named, named_arrays
-from iwalker_jax.deployment.stages import robot_stages
 from tests.deployment.folders import small_navigator, write_formula
 
 INPUTS = {
@@ -63,11 +63,11 @@ def test_the_manifest_says_what_everything_is(folder, navigator):
 
 def test_every_array_of_a_robot_is_described(navigator):
     """Property: no function takes or keeps an array without a unit and a meaning."""
-    stages = robot_stages(navigator)
-    assert list(stages) == ["start_control", "control", "start_frame", "frame", "footsteps", "ipath", "istepper"]
-    assert [stages[name].rate for name in ("control", "frame")] == pytest.approx([500, 500 / 33])
-    for stage in stages.values():
-        for name in stage.inputs:
+    exported = exported_functions(navigator)
+    assert list(exported) == ["start_control", "control", "start_frame", "frame", "footsteps", "ipath", "istepper"]
+    assert [exported[name].rate for name in ("control", "frame")] == pytest.approx([500, 500 / 33])
+    for entry in exported.values():
+        for name in entry.inputs:
             assert field_of(name).meaning and field_of(name).unit
 
 

@@ -8,12 +8,11 @@ import jax
 import numpy as np
 import pytest
 
-from bruce_model import load_mujoco
 from iwalker_jax.control import GaitMode, make_plan, velocity_footsteps
+from iwalker_jax.deployment.exported_functions import exported_functions
 from iwalker_jax.deployment.lockstep import renamed
 from iwalker_jax.deployment.rehearsal import SCENE, walk_in_office
 from iwalker_jax.deployment.simulated_robot import SimulatedRobot
-from iwalker_jax.deployment.stages import robot_stages
 from iwalker_jax.deployment.writer import write_policy
 from iwalker_jax.tasks import named_task
 from tests.deployment.folders import small_navigator
@@ -29,31 +28,31 @@ def navigator():
 
 
 @pytest.fixture(scope="module")
-def stages(navigator):
-    return robot_stages(navigator)
+def exported(navigator):
+    return exported_functions(navigator)
 
 
 @pytest.fixture(scope="module")
-def functions(stages):
+def functions(exported):
     """All functions in this process, compiled when they are first called."""
-    return {name: jax.jit(stage.function) for name, stage in stages.items()}
+    return {name: jax.jit(entry.function) for name, entry in exported.items()}
 
 
-def test_artifacts_give_the_same_bits_with_jax_alone(functions, stages, navigator, tmp_path):
+def test_artifacts_give_the_same_bits_with_jax_alone(functions, exported, navigator, tmp_path):
     """Oracle: the functions in this process. The artifacts run in one that may not import what made them."""
-    write_policy(tmp_path, navigator, stages, {"policy": "default"})
+    write_policy(tmp_path, navigator, exported, {"policy": "default"})
     calls = []
 
     def recorded(name):
         def call(arrays):
-            inputs = {key: np.asarray(arrays[key]) for key in stages[name].inputs}
+            inputs = {key: np.asarray(arrays[key]) for key in exported[name].inputs}
             outputs = jax.device_get(functions[name](inputs))
             calls.append((name, inputs, outputs))
             return outputs
 
         return call
 
-    walk_in_office({name: recorded(name) for name in stages}, navigator, FRAMES)
+    walk_in_office({name: recorded(name) for name in exported}, navigator, FRAMES)
     assert len([name for name, _, _ in calls if name == "control"]) == 33 * FRAMES
     for number, (name, inputs, outputs) in enumerate(calls):
         arrays = {f"i {key}": value for key, value in inputs.items()}
@@ -95,9 +94,9 @@ def test_artifacts_give_the_same_bits_with_jax_alone(functions, stages, navigato
 class Walking:
     """A robot and its controller, tick by tick."""
 
-    def __init__(self, functions, navigator):
+    def __init__(self, functions):
         self.functions = functions
-        self.robot = SimulatedRobot(navigator, load_mujoco(), named_task(SCENE), noise=None)
+        self.robot = SimulatedRobot(named_task(SCENE), noise=None)
         self.memory = functions["start_control"](self.robot.state()._asdict())
         feet = np.asarray(self.memory["memory.controller.gait.home"])
         yaw = float(feet[:, 2].mean())
@@ -125,9 +124,9 @@ class Walking:
 
 
 @pytest.fixture
-def walking(functions, navigator):
+def walking(functions):
     """A robot in its third or fourth step."""
-    walking = Walking(functions, navigator)
+    walking = Walking(functions)
     modes = walking.ticks(1000)
     assert modes[0] == GaitMode.STAND and modes[-1] == GaitMode.WALK and walking.memory["memory.touchdowns"] >= 2
     return walking
@@ -159,8 +158,8 @@ def test_footsteps_of_an_earlier_step_come_too_late(walking):
 
 
 @pytest.mark.parametrize("spoilt", ["lying", "NaN"])
-def test_a_robot_that_lies_gets_no_torques(functions, navigator, spoilt):
-    robot = Walking(functions, navigator)
+def test_a_robot_that_lies_gets_no_torques(functions, spoilt):
+    robot = Walking(functions)
     state = robot.robot.state()._asdict()
     state["qpos"] = np.where(np.arange(len(state["qpos"])) == 2, 0.1 if spoilt == "lying" else np.nan, state["qpos"])
     state["qpos"] = state["qpos"].astype(np.float32)

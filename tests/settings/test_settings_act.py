@@ -31,10 +31,12 @@ ELSEWHERE = {
     "FilmSettings": "tests/evaluation/episodes/test_film.py",
     "ProcessGroup": "tests/runtime/test_processes.py",
     "RouteParameters": "tests/scenes/test_routes.py",
+    "SimulationSettings": "tests/deployment/test_live.py",
     "ShortfallCharge": "tests/evaluation/frames/test_reference_plans.py",
     "Style": "tests/scenes/test_layout.py",
     "TaskSampling": "tests/tasks/test_generated.py",
     "VideoSettings": "tests/film/test_video.py",
+    "WatchdogLimits": "tests/deployment/test_live.py",
 }
 """Settings of physics, films, processes and scenes, of which no planner and no controller knows; and their tests."""
 

@@ -30,7 +30,7 @@ from iwalker_jax.tasks.task import GOAL_CAPACITY
 
 
 @dataclass(frozen=True)
-class Stage:
+class ExportedFunction:
     """A function that runs on a robot.
 
     Attributes:
@@ -46,7 +46,7 @@ class Stage:
     purpose: str
 
 
-def robot_stages(navigator: Navigator) -> dict[str, Stage]:
+def exported_functions(navigator: Navigator) -> dict[str, ExportedFunction]:
     """All functions of a robot with a policy, by name."""
     robot = navigator.walker.robot
     state = {"qpos": shape_of(robot.home.shape), "qvel": shape_of(robot.motor_moments.shape[1:])}
@@ -55,13 +55,13 @@ def robot_stages(navigator: Navigator) -> dict[str, Stage]:
     control = jax.eval_shape(lambda arrays: start_control(navigator, arrays), state)
     per_second = 1 / TIME_STEP
     return {
-        "start_control": Stage(
+        "start_control": ExportedFunction(
             lambda arrays: start_control(navigator, arrays),
             state,
             None,
             "The controller's memory of a robot that stands on both feet.",
         ),
-        "control": Stage(
+        "control": ExportedFunction(
             lambda arrays: control_tick(navigator, arrays),
             {
                 **measured,
@@ -72,19 +72,19 @@ def robot_stages(navigator: Navigator) -> dict[str, Stage]:
             per_second,
             "One tick of the whole-body controller: state and footsteps to motor torques.",
         ),
-        "start_frame": Stage(
+        "start_frame": ExportedFunction(
             lambda arrays: start_frame(navigator, arrays),
             state,
             None,
             "The memory of a robot that has seen nothing yet, and the spot where it stands.",
         ),
-        "frame": Stage(
+        "frame": ExportedFunction(
             lambda arrays: camera_frame(navigator, arrays),
             {**_frame_shapes(navigator, state), **_memory(start)},
             1 / navigator.frame_time,
             "One camera frame: depth and state to the way to go.",
         ),
-        "footsteps": Stage(
+        "footsteps": ExportedFunction(
             lambda arrays: plan_footsteps(navigator, arrays),
             _footstep_shapes(navigator, measured),
             per_second / navigator.loop.ticks_per_check,
@@ -94,7 +94,7 @@ def robot_stages(navigator: Navigator) -> dict[str, Stage]:
     }
 
 
-def _network_stages(navigator: Navigator) -> dict[str, Stage]:
+def _network_stages(navigator: Navigator) -> dict[str, ExportedFunction]:
     """The two networks alone, for any number of rows at a time."""
     planner = navigator.planner
     shape = (navigator.intrinsics.height, navigator.intrinsics.width)
@@ -114,13 +114,13 @@ def _network_stages(navigator: Navigator) -> dict[str, Stage]:
 
     rows = {name: shape_of((batch, *leaf.shape)) for name, leaf in named_arrays(_ROBOT_STATE).items()}
     return {
-        "ipath": Stage(
+        "ipath": ExportedFunction(
             ipath,
             {"depth": shape_of((batch, *shape)), "goal": shape_of((batch, 2)), "mount": shape_of((batch, 5))},
             None,
             "iPath alone: depth images and goals to waypoints.",
         ),
-        "istepper": Stage(
+        "istepper": ExportedFunction(
             istepper,
             {"path": shape_of((batch, PATH_POINTS, 2)), **rows},
             None,
