@@ -10,6 +10,7 @@ import pytest
 from iwalker_jax.api import load_planner
 from iwalker_jax.commands import run_policy
 from iwalker_jax.deployment import exported_functions, write_policy
+from iwalker_jax.deployment.live import supervisor
 from iwalker_jax.deployment.live.deadlines import Deadlines
 from iwalker_jax.deployment.live.messages import HEADER, Kind, MessageError, MessageLayout, read_header
 from iwalker_jax.deployment.live.process import WatchdogLimits
@@ -106,6 +107,11 @@ def test_options_that_cannot_be_are_said_in_a_sentence(tmp_path, capsys, options
     assert words in fails_with_one_sentence(lambda: run_policy.main([str(tmp_path), *options]), capsys)
 
 
+def test_a_place_that_sockets_cannot_be_in_is_refused(tmp_path):
+    with pytest.raises(InputError, match="too long a name"):
+        supervisor._checked(tmp_path / ("x" * 100))
+
+
 def test_limits_out_of_range_are_refused():
     for limits in ({"planner": 0.0}, {"camera": float("nan")}):
         with pytest.raises(InputError, match="give"):
@@ -165,6 +171,6 @@ def test_a_silent_camera_makes_the_robot_stop_and_stand(policy):
     assert 4.0 < walk.seconds < 14.0 and walk.clearance > 0
 
 
-def test_nothing_is_left_of_a_run(policy):
+def test_nothing_is_left_of_a_run():
     """The processes of the runs before have all gone."""
     assert multiprocessing.active_children() == []

@@ -123,6 +123,12 @@ CALLED: dict[str, Called] = {
         "absent_recording",
         ("--intrinsics 0 0 1 1 1 1", "--intrinsics 9 9 nan 1 1 1", "--intrinsics 160 90 80 80 79 1e9"),
     ),
+    "run_policy": Called(
+        {"--goals": one_of(("1", "x", "nan")), "--simulate": NAME, "--seconds": TIME, "--planner": TIME,
+         "--camera": TIME, "--seed": SEED},
+        "absent_policy",
+        ("--goals 1 1 --simulate office", "--goals 1 1 --lockstep", "--goals 1 1 --camera-until 2", "--goals inf 1"),
+    ),
     "walk": Called(
         {
             "--motion": NAME, "--speed": one_of(impossible_values(1.0)), "--turn": one_of(impossible_values(1.0)),

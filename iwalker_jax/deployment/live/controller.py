@@ -73,7 +73,10 @@ class _Controller:
     def __init__(
         self, functions: Mapping[str, loader.Artifact], manifest: Mapping[str, Any], limits: WatchdogLimits
     ) -> None:
+        import jax
+
         rates = {name: manifest["functions"][name]["rate_hz"] for name in ("control", "footsteps")}
+        self._device_put = jax.device_put
         self.deadlines = Deadlines("Controller", rates["control"])
         self.answers = self.halts = 0
         self._functions, self._limits = functions, limits
@@ -83,15 +86,21 @@ class _Controller:
         # Compiled before anybody waits.
         standing = standing_state(manifest)
         self._memory = functions["start_control"](standing)
-        self._command = no_command(self._memory)
-        functions["control"]({**self._memory, **standing, **self._command, "halt": np.bool_(True)})
+        # What seldom changes is handed to JAX once, not at every tick.
+        self._number = 0
+        self._command = self._device_put(no_command(self._memory))
+        self._halt = {halted: self._device_put(np.bool_(halted)) for halted in (False, True)}
+        functions["control"]({**self._memory, **standing, **self._command, "halt": self._halt[True]})
         self._last: int | None = None
 
     def hear(self, messages: list[tuple[Header, Arrays]], peer: Peer) -> None:
         """Heed the newest command, answer the newest state, and show the planner the body when that is due."""
         command, state = newest(messages, Kind.COMMAND), newest(messages, Kind.STATE)
         if command is not None:
-            self._command, self._heard = command[1], time.monotonic()
+            self._heard = time.monotonic()
+            if int(command[1]["command.number"]) != self._number:
+                self._number = int(command[1]["command.number"])
+                self._command = self._device_put(command[1])
         if state is None:
             return
         header, measured = state
@@ -104,7 +113,7 @@ class _Controller:
         self.halts += silent and not self._halted
         self._halted = silent
         control = self._functions["control"]
-        arrays = {**self._memory, **measured, **self._command, "halt": np.bool_(silent)}
+        arrays = {**self._memory, **measured, **self._command, "halt": self._halt[silent]}
         self._memory = control.call({name: arrays[name] for name in control.inputs})
         shown = {name: np.asarray(self._memory[name]) for name in ("torques", "clock.mode", "fallen")}
         peer.send(ROBOT, Kind.TORQUES, header.number, {**shown, "halted": silent})

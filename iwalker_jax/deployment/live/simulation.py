@@ -42,7 +42,7 @@ class SimulationSettings:
         task: name of a task.
         seconds: [s] of simulated time at most.
         seed: of the robot, its task and its camera.
-        lockstep: physics waits for every answer, so that a slow or busy machine changes nothing but the time it takes.
+        lockstep: physics waits for torques and for images to be planned on, as long as a slow or busy machine takes.
         camera_until: [s] after which no image comes any more.
     """
 

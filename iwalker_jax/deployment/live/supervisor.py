@@ -1,6 +1,7 @@
 """Starts controller, planner and, if wanted, a simulated robot as processes, watches them, gathers their reports."""
 
 import multiprocessing
+import os
 import tempfile
 import time
 from collections.abc import Callable
@@ -18,9 +19,11 @@ from iwalker_jax.deployment.live.messages import Arrays
 from iwalker_jax.deployment.live.planner import run_planner
 from iwalker_jax.deployment.live.process import BEGIN, DONE, END, PROGRESS, READY, WatchdogLimits
 from iwalker_jax.deployment.live.simulation import SimulatedRun, SimulationSettings, run_simulation
+from iwalker_jax.deployment.live.sockets import CONTROLLER
 from iwalker_jax.errors import InputError
 
 _START = 900.0  # [s] in which a process must be ready: on a small machine the first compilation takes minutes
+_LONGEST = 107  # [bytes] of a Unix socket's name
 _END = 20.0  # [s] in which it must have reported
 
 
@@ -78,11 +81,11 @@ def run_live(
 
     Raises:
         ArtifactError: if the folder cannot be used.
-        InputError: if a process does not start.
+        InputError: if a process does not start, or for a place that sockets cannot be in.
     """
     loader.load(folder, [])
     with tempfile.TemporaryDirectory(prefix="iwalker-") as own:
-        place = Path(own) if place is None else place
+        place = Path(own) if place is None else _checked(place)
         members = _started(folder, place, goals, limits, simulation)
         try:
             _until_ready(members)
@@ -95,6 +98,14 @@ def run_live(
         finally:
             _end(members)
     return _report(members)
+
+
+def _checked(place: Path) -> Path:
+    """A folder for sockets, made if need be."""
+    if len(os.fsencode(place.absolute() / CONTROLLER)) > _LONGEST:
+        raise InputError(f"{place} is too long a name for sockets; give a folder of at most {_LONGEST - 12} bytes.")
+    place.mkdir(parents=True, exist_ok=True)
+    return place
 
 
 def _started(
@@ -178,9 +189,10 @@ def _end(members: dict[str, _Member]) -> None:
         _listen(members, 0.1)
     _listen(members, 0.0)
     for member in members.values():
-        member.process.join(1.0)
+        member.process.join(5.0)
         if member.process.is_alive():
             member.process.kill()
+            member.process.join()
 
 
 def _report(members: dict[str, _Member]) -> RunReport:
