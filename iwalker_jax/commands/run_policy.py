@@ -38,7 +38,7 @@ class Command:
         seed: of the simulation.
     """
 
-    folder: tyro.conf.Positional[Path]
+    folder: tyro.conf.Positional[Path] = Path("runs/policy")
     goals: tuple[float, ...] = ()
     simulate: str | None = None
     lockstep: bool = False
