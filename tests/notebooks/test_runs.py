@@ -90,3 +90,19 @@ def test_own_camera(tmp_path):
     for v, u in ((60, 80), (75, 40), (70, 120)):
         row, column = round(383.8 * (v - 44.5) / 80 + 236.8), round(383.8 * (u - 79.5) / 80 + 321.7)
         assert found["seen"][v][u] == pytest.approx(stored[row, column] / 1000, abs=1e-6)
+
+
+def test_train_in_ten_minutes(tmp_path):
+    """Oracle: hand arithmetic of steps and sums, and the files that a run leaves."""
+    found = found_by(
+        "train_in_ten_minutes",
+        tmp_path,
+        {"FRAMES": 16, "EPOCHS": 1, "BATCH": 8},
+        "{'metrics': [{k: line[k] for k in ('total', 'U_path', 'U_step', 'converged')} for line in metrics], "
+        "'ends': list(ends.values())}",
+    )
+    assert len(found["metrics"]) == 1 * (16 // 8)
+    for line in found["metrics"]:
+        assert line["total"] == pytest.approx(line["U_path"] + line["U_step"], rel=1e-4) and line["converged"] > 0.5
+    assert np.shape(found["ends"]) == (6, 2) and np.isfinite(found["ends"]).all()
+    assert (tmp_path / "runs/ten_minutes/checkpoints").is_dir()
