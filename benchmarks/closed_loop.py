@@ -45,19 +45,17 @@ from iwalker_jax.navigation.depth_camera import take_depth  # noqa: E402
 from iwalker_jax.navigation.guide import (  # noqa: E402
     Guidance,
     Observation,
-    coarse_mean,
     guide,
     network_path,
     remember,
     route_costs,
-    route_grid,
 )
-from iwalker_jax.navigation.map_memory import memory_cells, window_origin  # noqa: E402
+from iwalker_jax.navigation.map_memory import window_origin  # noqa: E402
+from iwalker_jax.navigation.route_memory import RouteMemory, route_grid, update_route_memory  # noqa: E402
 from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
 from iwalker_jax.perception import (  # noqa: E402
     best_routes,
     clean_depth,
-    signed_distance_field,
     softened,
 )
 from iwalker_jax.planning import (  # noqa: E402
@@ -123,24 +121,24 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
     cleaned = observation._replace(depth=jax.jit(jax.vmap(clean_depth))(depth))
 
     def add_map(s: LoopState, at: Observation) -> tuple:
-        memory = remember(parameters, nav.intrinsics, s.sight.map, at._replace(depth=clean_depth(at.depth)))
-        occupied, unknown = memory_cells(memory_parameters, memory)
-        esdf = signed_distance_field(occupied, memory_parameters.resolution)
-        return esdf, unknown, window_origin(memory_parameters, memory)
+        before = s.sight.guide
+        cells = remember(parameters, nav.intrinsics, before.cells, at._replace(depth=clean_depth(at.depth)))
+        routes, esdf = update_route_memory(parameters.routes, memory_parameters, before.routes, cells)
+        return routes, esdf, window_origin(memory_parameters, cells)
 
-    maps = jax.jit(jax.vmap(add_map))(state, observation)
+    routes, esdf, origin = jax.jit(jax.vmap(add_map))(state, observation)
 
-    def route(esdf: jax.Array, unknown: jax.Array, origin: jax.Array, at: Observation) -> tuple:
-        unseen = softened(coarse_mean(unknown.astype(esdf.dtype)))
+    def route(s: LoopState, routes: RouteMemory, origin: jax.Array, at: Observation) -> tuple:
         start, goal = at.base[:2] - origin, at.goal - origin
-        to_go = route_costs(parameters, esdf, unseen, start, goal)
-        return best_routes(to_go, unseen, goal, start, route_grid(memory_parameters.grid))
+        to_go = route_costs(parameters, routes, start, goal, s.sight.guide.route - origin)
+        grid = route_grid(parameters.routes, memory_parameters)
+        return best_routes(to_go, softened(routes.unseen), goal, start, grid, parameters.longest_path)
 
     def ipath(at: Observation) -> jax.Array:
         return network_path(nav.planner.merge(), at, at.goal)
 
     def guidance_of(s: LoopState, at: Observation) -> Guidance:
-        return guide(parameters, nav.planner.merge(), nav.intrinsics, s.sight.map, at)[1]
+        return guide(parameters, nav.planner.merge(), nav.intrinsics, s.sight.guide, at)[1]
 
     guidance = jax.jit(jax.vmap(guidance_of))(state, observation)
 
@@ -175,9 +173,9 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
         "depth rendering": (rendering, frames),
         "depth noise": (max(setting.time(see, tasks, state) - rendering, 0.0), frames),
         "map and distance field": (setting.time(add_map, state, observation), frames),
-        "route on the map": (setting.time(route, *maps, observation), frames),
+        "route on the map": (setting.time(route, state, routes, origin, observation), frames),
         "iPath": (setting.time(ipath, cleaned), frames),
-        "band off obstacles": (setting.time(band, maps[0], maps[2], guidance), frames),
+        "band off obstacles": (setting.time(band, esdf, origin, guidance), frames),
         "iStepper and course": (setting.time(footsteps, state, guidance), nav.loop.checks_per_frame * frames),
         "body clearance": (setting.time(clearance, tasks, state), nav.loop.checks_per_frame * frames),
         "sensors, estimator, control": (thinking / TICKS, 500.0),

@@ -81,8 +81,13 @@ _FIELDS = {
     "memory.touchdowns": Field("1", "", "of the feet since the start"),
     "memory.goal": Field("1", "", "index of the present goal"),
     "memory.health.failed": Field("1", "", "the camera is blind or frozen"),
-    "memory.map.evidence": Field("1", _WORLD, "of occupied cells, positive, and free ones; x first, then y"),
-    "memory.map.middle": Field("1", _WORLD, "world cell at the map's middle"),
+    "memory.guide.cells.evidence": Field("1", _WORLD, "of occupied cells, positive, and free ones; x first, then y"),
+    "memory.guide.cells.middle": Field("1", _WORLD, "world cell at the map's middle"),
+    "memory.guide.routes.clearance": Field("m", _WORLD, "mean over each cell of the routes' map; x first, then y"),
+    "memory.guide.routes.room": Field("m", _WORLD, "clearance of the best place in each of its cells"),
+    "memory.guide.routes.unseen": Field("1", "", "share of each of its cells that was not seen"),
+    "memory.guide.routes.middle": Field("1", _WORLD, "world cell at its middle"),
+    "memory.guide.route": Field("m", _WORLD, "x, y of points along the last frame's route"),
 }
 
 

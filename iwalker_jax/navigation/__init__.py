@@ -6,7 +6,7 @@ from iwalker_jax.navigation.camera_health import HealthParameters
 from iwalker_jax.navigation.closed_loop import LoopState, run_episode, start_episode
 from iwalker_jax.navigation.episodes import EpisodeProgram, RunProgress, TaskBatch, place_at
 from iwalker_jax.navigation.faults import Faults, make_faults
-from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, Observation, guide
+from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, GuideMemory, Observation, guide, start_guide
 from iwalker_jax.navigation.map_memory import MapCell, MapMemory, MapMemoryParameters
 from iwalker_jax.navigation.navigators import POLICIES, LoopParameters, NavigationPolicy, Navigator, make_navigator
 from iwalker_jax.navigation.path_band import BandParameters, safe_path
@@ -22,6 +22,7 @@ __all__ = [
     "Faults",
     "Guidance",
     "GuidanceParameters",
+    "GuideMemory",
     "HealthParameters",
     "LoopParameters",
     "LoopState",
@@ -50,4 +51,5 @@ __all__ = [
     "run_episode",
     "safe_path",
     "start_episode",
+    "start_guide",
 ]

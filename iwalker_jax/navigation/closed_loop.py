@@ -203,7 +203,7 @@ def _record(
     base = base_pose(R_world_camera, samples.com[-1, -1])
     cells = jnp.zeros((0, 0), jnp.int8)
     if images:
-        cells = map_cells(navigator.guidance.memory, state.sight.map)
+        cells = map_cells(navigator.guidance.memory, state.sight.guide.cells)
     share = jnp.max(samples.torques / navigator.walker.controller.actuation.limits)
     return EpisodeRecord(
         time=physics.time,

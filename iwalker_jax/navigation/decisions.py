@@ -13,8 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from iwalker_jax.control import FootstepPlan, GaitMode, GaitState, Posture
 from iwalker_jax.navigation.camera import RobotCamera, base_pose, camera_in_world, measured_mount
 from iwalker_jax.navigation.camera_health import CameraHealth, check_camera, healthy_camera
-from iwalker_jax.navigation.guide import Guidance, Observation, guide
-from iwalker_jax.navigation.map_memory import MapMemory, empty_memory
+from iwalker_jax.navigation.guide import Guidance, GuideMemory, Observation, guide, start_guide
 from iwalker_jax.navigation.navigators import LoopParameters, Navigator
 from iwalker_jax.navigation.sightings import Sighting
 from iwalker_jax.navigation.step_planning import Stance, centre_of, has_nothing_to_do, plan_steps, stop_steps
@@ -39,14 +38,14 @@ class FrameMemory(NamedTuple):
     """What is remembered from camera frame to camera frame.
 
     Attributes:
-        map: what was seen.
+        guide: what was seen, and the route.
         health: whether the camera is to be trusted.
         goal: () int32, index of the present goal.
         last_progress: (3,) x, y [m] and time [s] of the last progress.
         last_route: () [s] when the map last had a route.
     """
 
-    map: MapMemory
+    guide: GuideMemory
     health: CameraHealth
     goal: Int[Array, ""]
     last_progress: Float[Array, "3"]
@@ -118,7 +117,7 @@ def start_frames(navigator: Navigator, base: Float[Array, "3"]) -> FrameMemory:
     """
     shape = (navigator.intrinsics.height, navigator.intrinsics.width)
     return FrameMemory(
-        map=empty_memory(navigator.guidance.memory, base[:2]),
+        guide=start_guide(navigator.guidance, base[:2]),
         health=healthy_camera(shape, base.dtype),
         goal=jnp.zeros((), jnp.int32),
         last_progress=jnp.append(base[:2], 0.0),
@@ -171,7 +170,7 @@ def decide_frame(
     goal, arrived = _next_goal(navigator.loop, goals, memory.goal, believed)
     observation = Observation(seen.depth, seen.mount, seen.base, goals.points[goal])
     planner = navigator.planner.merge()
-    cells, guidance = guide(navigator.guidance, planner, navigator.intrinsics, memory.map, observation)
+    guided, guidance = guide(navigator.guidance, planner, navigator.intrinsics, memory.guide, observation)
     last_progress, stuck = _progress(navigator.loop, memory.last_progress, believed, time)
     last_route = jnp.where(guidance.route_exists, time, memory.last_route)
     stuck = stuck | (time - last_route > navigator.loop.route_timeout)
@@ -180,7 +179,7 @@ def decide_frame(
         stop = stop | ~seen.taken
     if navigator.pursuit is not None:
         stop = stop | has_nothing_to_do(navigator.pursuit, guidance.path, guidance.face_point, believed)
-    memory = FrameMemory(cells, health, goal, last_progress, last_route)
+    memory = FrameMemory(guided, health, goal, last_progress, last_route)
     return memory, FrameDecision(StepRequest(guidance, stop), arrived, stuck)
 
 

@@ -9,10 +9,24 @@ from jaxtyping import Array, Bool, Float
 from iwalker_jax.checks import Scalar
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, arc_length, interpolate_along, resample_by_arc_length, to_base, to_world
-from iwalker_jax.navigation.map_memory import MapMemory, MapMemoryParameters, memory_cells, update_memory, window_origin
+from iwalker_jax.navigation.map_memory import (
+    MapMemory,
+    MapMemoryParameters,
+    empty_memory,
+    update_memory,
+    window_origin,
+)
 from iwalker_jax.navigation.path_band import BAND_POINTS, BandParameters, safe_path, way_to_room
+from iwalker_jax.navigation.route_memory import (
+    RouteMemory,
+    RouteMemoryParameters,
+    empty_route_memory,
+    route_grid,
+    update_route_memory,
+)
 from iwalker_jax.perception import (
     DEFAULT_OBSTACLES,
+    ROUTE_POINTS,
     UNREACHABLE,
     GridSpec,
     Intrinsics,
@@ -24,17 +38,11 @@ from iwalker_jax.perception import (
     clean_depth,
     cost_to_go,
     frame_cells,
-    halved,
-    pool_2x2,
-    signed_distance_field,
     softened,
     traversal_cost,
     trusted_cost,
 )
 from iwalker_jax.planning import Planner
-
-ROUTE_CELLS = 4
-"""Cells of the memory along a side of a route's cell."""
 
 PathSource = Literal["network", "guided", "route"]
 
@@ -52,7 +60,9 @@ class GuidanceParameters:
             is used.
         face_distance: [m] along the route to the point that the robot turns to where the path gives no direction.
         start_radius: [m] about the robot, within which a route must begin.
+        longest_path: [m] to which routes and paths are cut, so that they stay inside the memory's window.
         memory: of the map.
+        routes: of the wider map on which routes are found.
         mount: how wrong the believed mount may be that the floor in view corrects: one degree lifts the floor 0.8 m
             ahead by half the height that the robot steps over.
         obstacles: which points of a frame are obstacles.
@@ -60,6 +70,9 @@ class GuidanceParameters:
         required_clearance: [m] to remembered obstacles, body and sway; no route leads through what is narrower.
         committed_distance: [m] about the robot, within which the body alone must fit: a gap that it has walked up to
             does not close before it because a cell of its walls fills up.
+        kept_route: share by which ground about the last frame's route is cheaper: of two ways that cost nearly the same
+            the robot keeps to the one it is on, rather than turn to and fro beside what stands between them.
+        kept_width: [m] on either side of that route, within which the body alone must fit as well.
         traversal: cost of the route; routes keep the sway of the gait off obstacles as well as the body. A gap that the
             body just fits costs as much as a detour of some metres through what was not seen: with a contact cost of 8
             instead of 30, seven of eight walks of a task with such a gap touched its sides, and else none.
@@ -70,23 +83,28 @@ class GuidanceParameters:
     min_progress: float = 0.3
     face_distance: float = 0.5
     start_radius: float = 0.3
+    longest_path: float = 3.5
     memory: MapMemoryParameters = MapMemoryParameters()
+    routes: RouteMemoryParameters = RouteMemoryParameters()
     mount: MountUncertainty = MountUncertainty()
     obstacles: ObstacleParameters = DEFAULT_OBSTACLES
     band: BandParameters = BandParameters()
     required_clearance: float = BODY.gap_radius
     committed_distance: float = 0.35
+    kept_route: float = 0.2
+    kept_width: float = 0.25
     traversal: TraversalParameters = TraversalParameters(body_radius=BODY.route_radius)
 
     def __post_init__(self) -> None:
         if self.source not in get_args(PathSource):
             raise InputError(f"Unknown source of paths {self.source!r}; choose {', '.join(get_args(PathSource))}.")
-        if not min(self.lookahead, self.face_distance, self.start_radius, self.required_clearance) > 0:
-            raise InputError(
-                "GuidanceParameters needs positive lookahead, face_distance, start_radius and required_clearance [m]."
-            )
+        lengths = ("lookahead", "face_distance", "start_radius", "longest_path", "required_clearance")
+        if not min(getattr(self, name) for name in lengths) > 0:
+            raise InputError(f"GuidanceParameters needs positive {', '.join(lengths)} [m].")
         if self.committed_distance < 0:
             raise InputError("GuidanceParameters needs committed_distance >= 0 [m].")
+        if not (0 <= self.kept_route < 1 and self.kept_width > 0):
+            raise InputError("GuidanceParameters needs 0 <= kept_route < 1 and kept_width > 0 [m].")
 
 
 class Observation(NamedTuple):
@@ -103,6 +121,25 @@ class Observation(NamedTuple):
     mount: Float[Array, "5"]
     base: Float[Array, "3"]
     goal: Float[Array, "2"]
+
+
+class GuideMemory(NamedTuple):
+    """What is known from the frames before.
+
+    Attributes:
+        cells: of the map near the robot; routes: of a wider, coarser one.
+        route: (ROUTE_POINTS, 2) [m] world, the last frame's whole route.
+    """
+
+    cells: MapMemory
+    routes: RouteMemory
+    route: Float[Array, "points 2"]
+
+
+def start_guide(parameters: GuidanceParameters, xy: Float[Array, "2"]) -> GuideMemory:
+    """Nothing known around a place [m]."""
+    cells = empty_memory(parameters.memory, xy)
+    return GuideMemory(cells, empty_route_memory(parameters.routes, cells), jnp.broadcast_to(xy, (ROUTE_POINTS, 2)))
 
 
 class Guidance(NamedTuple):
@@ -127,9 +164,9 @@ def guide(
     parameters: GuidanceParameters,
     planner: Planner,
     intrinsics: Intrinsics,
-    memory: MapMemory,
+    memory: GuideMemory,
     observation: Observation,
-) -> tuple[MapMemory, Guidance]:
+) -> tuple[GuideMemory, Guidance]:
     """The memory with this frame added, and the way to the goal.
 
     Args:
@@ -144,16 +181,13 @@ def guide(
         path = resample_by_arc_length(network_path(planner, observation, observation.goal), BAND_POINTS)
         no_offset = jnp.zeros_like(observation.goal)
         return memory, Guidance(path, observation.goal, jnp.asarray(False), jnp.asarray(True), no_offset)
-    grid = parameters.memory.grid
-    coarse = route_grid(grid)
-    memory = remember(parameters, intrinsics, memory, observation)
-    origin = window_origin(parameters.memory, memory)
+    grid, coarse = parameters.memory.grid, route_grid(parameters.routes, parameters.memory)
+    cells = remember(parameters, intrinsics, memory.cells, observation)
+    routes, esdf = update_route_memory(parameters.routes, parameters.memory, memory.routes, cells)
+    origin = window_origin(parameters.memory, cells)
     start, goal = observation.base[:2] - origin, observation.goal - origin
-    occupied, unknown = memory_cells(parameters.memory, memory)
-    esdf = signed_distance_field(occupied, parameters.memory.resolution)
-    unseen = softened(coarse_mean(unknown.astype(esdf.dtype)))
-    to_go = route_costs(parameters, esdf, unseen, start, goal)
-    seen, whole = best_routes(to_go, unseen, goal, start, coarse)
+    to_go = route_costs(parameters, routes, start, goal, memory.route - origin)
+    seen, whole = best_routes(to_go, softened(routes.unseen), goal, start, coarse, parameters.longest_path)
     route_exists = _reachable_near(to_go, coarse, start, parameters.start_radius)
     path, detour = safe_path(parameters.band, seen, esdf, grid)
     if parameters.source == "guided":
@@ -164,7 +198,7 @@ def guide(
         detour = cut | (here - there < parameters.min_progress * jnp.minimum(here, parameters.lookahead))
         path = jnp.where(detour, route, path)
     path = jnp.where(route_exists, path, start)
-    return memory, Guidance(
+    return GuideMemory(cells, routes, whole + origin), Guidance(
         path=resample_by_arc_length(path + origin, BAND_POINTS),
         face_point=_on_route(whole, parameters.face_distance) + origin,
         detour=detour,
@@ -192,42 +226,43 @@ def network_path(planner: Planner, observation: Observation, goal: Float[Array, 
 
 def route_costs(
     parameters: GuidanceParameters,
-    esdf: Float[Array, "n n"],
-    unseen: Float[Array, "quarter quarter"],
+    routes: RouteMemory,
     start: Float[Array, "2"],
     goal: Float[Array, "2"],
-) -> Float[Array, "quarter quarter"]:
-    """Cost of the cheapest route to the goal from every coarse cell of the window, with room for the body all along."""
-    grid = route_grid(parameters.memory.grid)
-    cost = traversal_cost(coarse_mean(esdf), unseen, parameters.traversal)
-    # The best place of a coarse cell decides: a gap that the body just fits is a line of fine cells.
-    rows, columns = esdf.shape[0] // ROUTE_CELLS, esdf.shape[1] // ROUTE_CELLS
-    roomiest = esdf.reshape(rows, ROUTE_CELLS, columns, ROUTE_CELLS).max(axis=(1, 3))
-    committed = jnp.sum((grid.centres() - start) ** 2, axis=-1) < parameters.committed_distance**2
+    kept: Float[Array, "points 2"],
+) -> Float[Array, "n n"]:
+    """Cost of the cheapest route to the goal from every coarse cell, with room for the body all along.
+
+    Args:
+        parameters: what routes cost and how much room they need.
+        routes: the coarse map.
+        start, goal: [m] from its middle.
+        kept: (points, 2) [m] from its middle, the last frame's route.
+    """
+    grid = route_grid(parameters.routes, parameters.memory)
+    cost = traversal_cost(routes.clearance, softened(routes.unseen), parameters.traversal)
+    on_kept = jnp.any(_squared_distance(grid.centres()[..., None, :], kept) < parameters.kept_width**2, axis=-1)
+    cost = cost * jnp.where(on_kept, 1 - parameters.kept_route, 1.0)
+    committed = on_kept | (_squared_distance(grid.centres(), start) < parameters.committed_distance**2)
     required = jnp.where(committed, parameters.band.min_clearance, parameters.required_clearance)
-    cost = jnp.where(roomiest < required, jnp.inf, cost)
-    return trusted_cost(cost_to_go(cost, goal, grid))
+    cost = jnp.where(routes.room < required, jnp.inf, cost)
+    # What lies beyond the map was not seen.
+    return trusted_cost(cost_to_go(cost, goal, grid, outside_cost=1.0 + parameters.traversal.unknown))
 
 
-def route_grid(grid: GridSpec) -> GridSpec:
-    """Where the routes' cells lie."""
-    return halved(halved(grid))
-
-
-def coarse_mean(field: Float[Array, "n n"]) -> Float[Array, "quarter quarter"]:
-    """Mean of a field of the window over each of the routes' cells."""
-    return pool_2x2(pool_2x2(field))
+def _squared_distance(a: Float[Array, "*#shape 2"], b: Float[Array, "*#shape 2"]) -> Float[Array, "*shape"]:
+    return jnp.sum((a - b) ** 2, axis=-1)
 
 
 def _reachable_near(
-    to_go: Float[Array, "quarter quarter"], grid: GridSpec, point: Float[Array, "2"], radius: Scalar
+    to_go: Float[Array, "n n"], grid: GridSpec, point: Float[Array, "2"], radius: Scalar
 ) -> Bool[Array, ""]:
     """Whether a way leads on from some cell within a radius [m] of a point, noise in its own cell or not."""
-    near = jnp.sum((grid.centres() - point) ** 2, axis=-1) < radius**2
+    near = _squared_distance(grid.centres(), point) < radius**2
     return jnp.any(near & (to_go < UNREACHABLE))
 
 
-def _cost_at(to_go: Float[Array, "quarter quarter"], grid: GridSpec, point: Float[Array, "2"]) -> Float[Array, ""]:
+def _cost_at(to_go: Float[Array, "n n"], grid: GridSpec, point: Float[Array, "2"]) -> Float[Array, ""]:
     cell = jnp.clip(jnp.round(grid.cell_coordinates(point)).astype(jnp.int32), 0, jnp.asarray(grid.shape) - 1)
     return to_go[cell[0], cell[1]]
 

@@ -3,7 +3,8 @@
 Single frames show nothing beside and behind the robot. Each frame adds evidence for occupied and for free cells; what
 is seen to be free again is forgotten, so obstacles may move, and nothing else is: where the robot stands, and where
 the view passes over the floor before it, is free if nobody knows better, but an obstacle that it brushes against and a
-threshold before its feet are not. The window shifts by whole cells, so nothing is ever resampled twice.
+threshold before its feet are not. The window shifts by whole cells, so nothing is ever resampled twice, and by whole
+cells of a route's map, so that a narrow gap on it does not open and close with the robot's place.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,11 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, to_base
 from iwalker_jax.perception import DEFAULT_GRID, FrameCells, GridSpec
 
-_LARGEST_SHIFT = 16  # cells between two frames; a robot that believes to have jumped farther starts afresh
+ROUTE_CELLS = 4
+"""Cells of the memory along a side of a route's cell."""
+
+LARGEST_SHIFT = 16
+"""Cells between two frames; a robot that believes to have jumped farther starts afresh."""
 
 
 class MapCell(IntEnum):
@@ -53,8 +58,11 @@ class MapMemoryParameters:
     decay: float = 0.001
 
     def __post_init__(self) -> None:
-        if self.cells < 2 * _LARGEST_SHIFT or self.cells % 2 or not self.resolution > 0:
-            raise InputError(f"The map memory needs an even number of cells, at least {2 * _LARGEST_SHIFT}.")
+        if self.cells < 2 * LARGEST_SHIFT or self.cells % (2 * ROUTE_CELLS) or not self.resolution > 0:
+            raise InputError(
+                f"The map memory needs a multiple of {2 * ROUTE_CELLS} cells, at least {2 * LARGEST_SHIFT}, and a "
+                "positive resolution [m]."
+            )
         if not 0 < self.threshold <= self.max_evidence or not 0 <= self.decay < 1:
             raise InputError("The map memory needs 0 < threshold <= max_evidence and 0 <= decay < 1.")
         if min(self.occupied_evidence, self.free_evidence, self.body_radius) <= 0:
@@ -78,7 +86,7 @@ class MapMemory(NamedTuple):
 
     Attributes:
         evidence: (cells, cells), positive for occupied.
-        middle: (2,) int32, world cell at the window's middle (its lower corner lies there).
+        middle: (2,) int32, world cell at the window's middle (its lower corner lies there); a multiple of ROUTE_CELLS.
     """
 
     evidence: Float[Array, "n n"]
@@ -109,7 +117,7 @@ def update_memory(
         frame: its cells, on `grid` in the base frame.
     """
     middle = _cell(parameters, base[:2])
-    evidence = _shifted(memory.evidence, middle - memory.middle) * (1 - parameters.decay)
+    evidence = shifted(memory.evidence, middle - memory.middle, LARGEST_SHIFT) * (1 - parameters.decay)
     centres = parameters.grid.centres() + middle.astype(base.dtype) * parameters.resolution
     offsets = to_base(base, centres)
     cell = jnp.round(grid.cell_coordinates(offsets)).astype(jnp.int32)
@@ -142,12 +150,12 @@ def map_cells(parameters: MapMemoryParameters, memory: MapMemory) -> Int8[Array,
 
 
 def _cell(parameters: MapMemoryParameters, xy: Float[Array, "2"]) -> Int[Array, "2"]:
-    return jnp.round(xy / parameters.resolution).astype(jnp.int32)
+    return ROUTE_CELLS * jnp.round(xy / (ROUTE_CELLS * parameters.resolution)).astype(jnp.int32)
 
 
-def _shifted(evidence: Float[Array, "n n"], shift: Int[Array, "2"]) -> Float[Array, "n n"]:
-    """The window's content seen from a middle that lies `shift` cells farther on."""
-    padded = jnp.pad(evidence, _LARGEST_SHIFT)
-    start = jnp.clip(shift + _LARGEST_SHIFT, 0, 2 * _LARGEST_SHIFT)
-    moved = jax.lax.dynamic_slice(padded, (start[0], start[1]), evidence.shape)
-    return jnp.where(jnp.all(jnp.abs(shift) <= _LARGEST_SHIFT), moved, 0.0)
+def shifted(field: Float[Array, "n n"], shift: Int[Array, "2"], largest: int, fill: float = 0.0) -> Float[Array, "n n"]:
+    """A map's content seen from a middle that lies `shift` cells farther on; after a larger shift, `fill` alone."""
+    padded = jnp.pad(field, largest, constant_values=fill)
+    start = jnp.clip(shift + largest, 0, 2 * largest)
+    moved = jax.lax.dynamic_slice(padded, (start[0], start[1]), field.shape)
+    return jnp.where(jnp.all(jnp.abs(shift) <= largest), moved, fill)

@@ -16,7 +16,7 @@ from iwalker_jax.perception.floor import FloorFit, FloorParameters, MountUncerta
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID, GridSpec, halved, pool_2x2, softened
 from iwalker_jax.perception.local_map import FrameCells, LocalMap, build_local_map, frame_cells
 from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
-from iwalker_jax.perception.seen_route import ROUTE_GRID, Routes, best_routes
+from iwalker_jax.perception.seen_route import ROUTE_GRID, ROUTE_POINTS, Routes, best_routes
 from iwalker_jax.perception.soft_map import SoftMap, SoftOccupancy, soft_map
 from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
 
@@ -26,6 +26,7 @@ __all__ = [
     "MAX_RANGE",
     "PUBLISHED_GRID",
     "ROUTE_GRID",
+    "ROUTE_POINTS",
     "UNREACHABLE",
     "CameraMount",
     "CostToGo",

@@ -20,6 +20,7 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.arrays import as_floats
+from iwalker_jax.checks import Scalar
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import safe_norm
 from iwalker_jax.optimization import Solution, Status
@@ -42,7 +43,7 @@ class CostToGo(NamedTuple):
 
     Attributes:
         cost: (rows, columns) traversal cost integrated along the best route; `UNREACHABLE` where there is none.
-        goal: (2,) [m] centre of the cell that stands for the goal: the free cell nearest to the goal asked for.
+        goal: (2,) [m] centre of the free cell nearest to the goal asked for, which stands for it.
         goal_offset: () [m] distance between that centre and the goal asked for; more than a cell's half diagonal
             says that the goal was blocked or outside the map. `UNREACHABLE` if it is not finite.
     """
@@ -57,11 +58,15 @@ def cost_to_go(
     goal_xy: Float[Array, "2"],
     grid: GridSpec,
     max_rounds: int | None = None,
+    outside_cost: Scalar | None = None,
 ) -> Solution:
     """Cost of the best route from every cell centre to a goal, on the 16-neighbour graph of the module's docstring.
 
     A goal that is blocked or outside the map is replaced by the nearest free cell, and every route also pays the
-    straight line from that cell's centre to the goal at that cell's cost (so does a goal off its cell's centre).
+    straight line from that cell's centre to the goal at that cell's cost (so does a goal off its cell's centre). With
+    an `outside_cost`, a goal outside the map is instead reached over its border: each free cell of the border stands
+    for it and pays the straight line at that cost, so that a blocked stretch of the border, or a pocket behind an
+    obstacle there, cuts nobody off from a goal farther on.
 
     Args:
         traversal_cost: cost per metre, positive; infinite or >= `UNREACHABLE` means blocked.
@@ -69,6 +74,7 @@ def cost_to_go(
         grid: where the cells lie.
         max_rounds: limit on rounds of four sweeps; a bend of the route costs about one. By default as many as the map
             has cells, which always suffice: every round gets each best route right by at least one more cell.
+        outside_cost: cost per metre of the ground outside the map, positive.
 
     Returns:
         Solution with a `CostToGo`. Status: CONVERGED; MAX_ITERATIONS if the last round still lowered a cost (costs
@@ -105,7 +111,10 @@ def cost_to_go(
         )
     free = (traversal_cost > 0) & (traversal_cost < UNREACHABLE)
     cost = jnp.where(free, traversal_cost, jnp.inf)
-    seed, goal, offset = _seed(cost, free, goal_xy.astype(cost.dtype), grid)
+    goal_xy = goal_xy.astype(cost.dtype)
+    seed, goal, offset = _seed(cost, free, goal_xy, grid)
+    if outside_cost is not None:
+        seed = jnp.where(_is_outside(goal_xy, grid), _border_seed(free, goal_xy, grid, outside_cost), seed)
 
     values, decrease, rounds = _relaxation(grid.resolution, max_rounds)(*lax.stop_gradient((seed, cost)))
 
@@ -197,6 +206,23 @@ def _seed(
     first = jnp.where(usable, offset, 1.0) * jnp.where(usable, cost.reshape(-1)[index], 1.0)
     seed = jnp.full(cost.size, jnp.inf, cost.dtype).at[index].set(jnp.where(usable, first, jnp.inf))
     return seed.reshape(cost.shape), goal, offset
+
+
+def _is_outside(goal_xy: Float[Array, "2"], grid: GridSpec) -> Bool[Array, ""]:
+    """Whether a goal lies off the map."""
+    lower, upper = jnp.asarray([grid.x_min, grid.y_min]), jnp.asarray([grid.x_max, grid.y_max])
+    return jnp.any((goal_xy < lower) | (goal_xy > upper))
+
+
+def _border_seed(
+    free: Bool[Array, "rows columns"], goal_xy: Float[Array, "2"], grid: GridSpec, outside_cost: Scalar
+) -> Float[Array, "rows columns"]:
+    """Infinite everywhere but in the free cells of the border, which pay the straight line to the goal."""
+    border = np.ones(grid.shape, bool)
+    border[1:-1, 1:-1] = False
+    known = _is_known_goal(goal_xy)
+    ways = safe_norm(jnp.where(known, grid.centres().astype(goal_xy.dtype) - goal_xy, 0.0))
+    return jnp.where(border & free & known, outside_cost * ways, jnp.inf)
 
 
 def _relaxation(resolution: float, max_rounds: int) -> Callable[[Array, Array], tuple[Array, Array, Array]]:

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 MOVES = tuple((a, b) for a in range(-2, 3) for b in range(-2, 3) if abs(a) + abs(b) == 3 or max(abs(a), abs(b)) == 1)
 """(rows, columns) from a cell to its neighbours: king's and knight's moves."""
@@ -78,7 +78,7 @@ def _along_routes_jvp(
     _, seed_change, cost_change = tangents
     edges = _best_edges(*lax.stop_gradient((values, seed, cost)), resolution)
     change = edges.length * jnp.mean(cost_change.ravel()[edges.touched], axis=-1)
-    change = change + jnp.where(jnp.isfinite(seed), seed_change, 0.0).ravel()
+    change = change + jnp.where(_ends_here(values, seed), seed_change, 0.0).ravel()
     return values, _sum_along(edges.next_cell, change).reshape(values.shape)
 
 
@@ -106,13 +106,18 @@ def _best_edges(
         best = jnp.where(through < least, k, best)
         least = jnp.minimum(through, least)
 
-    on_route = jnp.isfinite(least) & jnp.isfinite(values) & ~jnp.isfinite(seed)
+    on_route = jnp.isfinite(least) & jnp.isfinite(values) & ~_ends_here(values, seed)
     cells, best, on_route = values.size, best.ravel(), on_route.ravel()
     index = jnp.arange(cells)
     steps = jnp.asarray(_TOUCHED @ np.array([columns, 1]), index.dtype)[best]
     touched = jnp.where(on_route[:, None], index[:, None] + steps, index[:, None])
     next_cell = jnp.append(jnp.where(on_route, index + steps[:, 1], cells), cells)
     return _Edges(next_cell, touched, jnp.where(on_route, jnp.asarray(resolution * _LENGTHS, values.dtype)[best], 0.0))
+
+
+def _ends_here(values: Float[Array, "rows columns"], seed: Float[Array, "rows columns"]) -> Bool[Array, "rows columns"]:
+    """Where the best route ends: in a cell that stands for the goal and from which no other is cheaper to reach."""
+    return jnp.isfinite(seed) & (seed <= values)
 
 
 def _sum_along(next_cell: Int[Array, " next_cells"], change: Float[Array, " cells"]) -> Float[Array, " cells"]:

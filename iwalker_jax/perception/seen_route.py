@@ -3,9 +3,11 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from iwalker_jax.geometry import resample_by_arc_length
+from iwalker_jax.checks import Scalar
+from iwalker_jax.geometry import arc_length, interpolate_along, resample_by_arc_length
 from iwalker_jax.perception.cost_to_go import descend
 from iwalker_jax.perception.grid import DEFAULT_GRID, GridSpec, halved
 from iwalker_jax.perception.map_sampling import sample_bilinear
@@ -35,6 +37,7 @@ def best_routes(
     goal: Float[Array, " 2"],
     start: Float[Array, " 2"] | None = None,
     grid: GridSpec = ROUTE_GRID,
+    longest: Scalar = np.inf,
 ) -> Routes:
     """The best route from the robot towards a goal.
 
@@ -43,6 +46,7 @@ def best_routes(
         unknown: degree of being unseen on the grid.
         goal: [m] in the grid's frame, as the start, which is the origin if left out.
         grid: where the cells lie.
+        longest: [m] to which both are cut.
     """
     start = jnp.zeros(2, to_go.dtype) if start is None else start
     cells = descend(to_go, grid, start, 2 * max(grid.shape))
@@ -51,12 +55,14 @@ def best_routes(
     way = jnp.concatenate([start[None], cells[1:], jnp.where(arrived, goal, last)[None]])
     seen = jnp.cumprod(sample_bilinear(unknown, grid, way, outside="clamp") < 0.5).astype(bool)
     end = way[jnp.maximum(jnp.sum(seen) - 1, 0)]
-    return Routes(_smoothed(jnp.where(seen[:, None], way, end)), _smoothed(way))
+    return Routes(_smoothed(jnp.where(seen[:, None], way, end), longest), _smoothed(way, longest))
 
 
-def _smoothed(way: Float[Array, "n 2"]) -> Float[Array, "points 2"]:
+def _smoothed(way: Float[Array, "n 2"], longest: Scalar) -> Float[Array, "points 2"]:
     # The grid allows sixteen headings; a moving average of half a metre takes its corners off.
-    even = resample_by_arc_length(way, ROUTE_POINTS)
+    lengths = arc_length(way)
+    even = jnp.linspace(0.0, 1.0, ROUTE_POINTS, dtype=way.dtype) * jnp.minimum(lengths[-1], longest)
+    even = interpolate_along(lengths, way, even)
     for _ in range(_SMOOTHING_PASSES):
         middle = 0.25 * even[:-2] + 0.5 * even[1:-1] + 0.25 * even[2:]
         even = jnp.concatenate([even[:1], middle, even[-1:]])

@@ -165,7 +165,7 @@ def test_a_robot_that_believes_to_have_jumped_starts_afresh():
 
 
 def test_useless_parameters_are_refused():
-    with pytest.raises(InputError, match="even number"):
+    with pytest.raises(InputError, match="multiple of 8"):
         MapMemoryParameters(cells=81)
 
 

@@ -155,6 +155,34 @@ def test_blocked_and_outside_goals_use_the_nearest_free_cell():
     np.testing.assert_allclose(outside.value.cost[29, 10], 2.0 * 10.1, rtol=1e-5)
 
 
+def test_a_goal_outside_is_reached_over_the_whole_border():
+    """Oracle: the solves for each free cell of the border itself, plus the straight line from it by hand."""
+    cost = random_cost(3, 0.1)
+    goal = np.asarray([4.1, 1.3], np.float32)
+    # The border cell nearest to the goal is a pocket: nothing leads to it.
+    nearest = np.unravel_index(np.argmin(np.linalg.norm(np.asarray(GRID.centres()) - goal, axis=-1)), GRID.shape)
+    cost[nearest[0] - 2 :, nearest[1] - 2 : nearest[1] + 3] = np.inf
+    cost[nearest] = 1.0
+    over = SOLVE(jnp.asarray(cost), jnp.asarray(goal), GRID, 64, 1.5)
+    assert over.status == Status.CONVERGED
+
+    border = [n for n in np.ndindex(GRID.shape) if np.isfinite(cost[n]) and (n[0] in (0, 29) or n[1] in (0, 22))]
+    places = jnp.asarray(np.asarray(GRID.centres())[tuple(np.transpose(border))])
+    each = jax.jit(jax.vmap(lambda place: cost_to_go(jnp.asarray(cost), place, GRID, 64).value.cost))(places)
+    beyond = 1.5 * np.linalg.norm(np.asarray(places) - goal, axis=-1)
+    expected = np.minimum(np.min(np.asarray(each) + beyond[:, None, None], axis=0), UNREACHABLE)
+    np.testing.assert_allclose(over.value.cost, expected, rtol=1e-5)
+    cut_off = SOLVE(jnp.asarray(cost), jnp.asarray(goal), GRID, 64).value.cost
+    assert np.mean(cut_off < UNREACHABLE) < 0.01 and np.mean(over.value.cost < UNREACHABLE) > 0.7
+
+    inside = jnp.asarray([1.1, 0.4])
+    np.testing.assert_array_equal(
+        SOLVE(jnp.asarray(cost), inside, GRID, 64, 1.5).value.cost,
+        SOLVE(jnp.asarray(cost), inside, GRID, 64).value.cost,
+    )
+    assert SOLVE(jnp.asarray(cost), jnp.asarray([jnp.inf, 0.0]), GRID, 64, 1.5).status == Status.NON_FINITE
+
+
 def test_cut_off_cells_and_bad_maps_are_flagged():
     """Oracle: by construction."""
     cost = np.ones(GRID.shape, np.float32)

@@ -99,6 +99,18 @@ def test_the_goals_derivative_is_that_of_the_last_straight_line():
     np.testing.assert_array_equal(jax.grad(at_start)(centre), 0)
 
 
+def test_derivatives_over_the_border_agree_with_differences(x64):
+    """Oracle: central differences, forward and reverse, in the costs, the goal outside and the price outside."""
+    cost = jnp.asarray(rough_cost(4, 0.1))
+    free = jnp.isfinite(cost)
+
+    def over_the_border(values, goal, outside):
+        found = cost_to_go(jnp.where(free, values, jnp.inf), goal, GRID, outside_cost=outside).value.cost
+        return jnp.where(found < UNREACHABLE, found, 0.0)
+
+    assert_gradients_agree(over_the_border, jnp.where(free, cost, 1.0), jnp.asarray([5.3, 2.9]), jnp.asarray(1.7))
+
+
 def test_a_slope_over_more_than_a_cell_is_that_of_the_starts_field(x64):
     """Oracle: central differences, and that routes cost the same both ways."""
     cost = jnp.asarray(rough_cost(2, 0.0))

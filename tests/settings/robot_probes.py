@@ -30,12 +30,13 @@ from iwalker_jax.navigation.camera_health import HealthParameters, check_camera,
 from iwalker_jax.navigation.closed_loop import camera_frame, start_episode
 from iwalker_jax.navigation.depth_camera import start_depth_camera, take_depth
 from iwalker_jax.navigation.faults import make_faults
-from iwalker_jax.navigation.guide import GuidanceParameters, Observation, guide
+from iwalker_jax.navigation.guide import GuidanceParameters, Observation, guide, start_guide
 from iwalker_jax.navigation.map_memory import MapMemoryParameters, empty_memory, memory_cells, update_memory
 from iwalker_jax.navigation.navigators import LoopParameters, Navigator, make_navigator
 from iwalker_jax.navigation.path_band import BandParameters, safe_path, way_to_room
+from iwalker_jax.navigation.route_memory import RouteMemoryParameters, empty_route_memory, update_route_memory
 from iwalker_jax.navigation.step_planning import PursuitParameters, held_on_spot, pursue
-from iwalker_jax.perception import FrameCells
+from iwalker_jax.perception import ROUTE_POINTS, FrameCells
 from iwalker_jax.perception.grid import DEFAULT_GRID
 from iwalker_jax.planning.planner import Planner, PlannerConfig
 from iwalker_jax.planning.robot_state import StepGeometry
@@ -168,9 +169,18 @@ def prepare() -> None:
 def guided(parameters: GuidanceParameters) -> Any:
     """The way to a goal after one frame."""
     base = jnp.asarray([0.1, 0.2, 0.3])
-    observation = Observation(depth_image(), MOUNT, base, jnp.asarray([2.0, 0.5]))
-    memory = empty_memory(parameters.memory, base[:2])
+    observation = Observation(depth_image(), MOUNT, base, jnp.asarray([6.0, 1.5]))
+    aside = base[:2] + jnp.linspace(0.0, 2.0, ROUTE_POINTS)[:, None] * jnp.asarray([0.8, 0.6])
+    memory = start_guide(parameters, base[:2])._replace(route=aside)
     return guide(parameters, navigator().planner.merge(), SMALL, memory, observation)
+
+
+def routed(parameters: RouteMemoryParameters) -> Any:
+    """The coarse map of a window in which everything is free."""
+    window = MapMemoryParameters()
+    cells = empty_memory(window, jnp.zeros(2))
+    cells = cells._replace(evidence=cells.evidence - window.max_evidence)
+    return update_route_memory(parameters, window, empty_route_memory(parameters, cells), cells)[0]
 
 
 PUSHED = Disturbances(push_impulse=1.0)
@@ -203,6 +213,7 @@ PROBES = {
             HealthParameters(),
         ),
     ),
+    RouteMemoryParameters: (Probe(routed, RouteMemoryParameters(), changes={"cells": 80}),),
     MapMemoryParameters: (Probe(mapped, MapMemoryParameters(), changes={"cells": 80}, followed=False),),
     BandParameters: (
         Probe(
@@ -270,8 +281,11 @@ PROBES = {
         Probe(
             guided,
             GuidanceParameters(source="route"),
-            changes={"memory": dataclasses.replace(GuidanceParameters().memory, decay=0.01)},
-            only=("memory", "mount", "obstacles", "band", "traversal"),
+            changes={
+                "memory": dataclasses.replace(GuidanceParameters().memory, decay=0.01),
+                "routes": RouteMemoryParameters(rim=0.9),
+            },
+            only=("memory", "routes", "mount", "obstacles", "band", "traversal"),
         ),
     ),
 }
