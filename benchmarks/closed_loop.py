@@ -50,8 +50,12 @@ from iwalker_jax.navigation.guide import (  # noqa: E402
     remember,
     route_costs,
 )
-from iwalker_jax.navigation.map_memory import window_origin  # noqa: E402
-from iwalker_jax.navigation.route_memory import RouteMemory, route_grid, update_route_memory  # noqa: E402
+from iwalker_jax.navigation.memory import (  # noqa: E402
+    RouteMemory,
+    route_grid,
+    update_route_memory,
+    window_origin,
+)
 from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
 from iwalker_jax.perception import (  # noqa: E402
     best_routes,

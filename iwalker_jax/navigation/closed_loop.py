@@ -32,7 +32,7 @@ from iwalker_jax.navigation.decisions import (
 )
 from iwalker_jax.navigation.depth_camera import DepthCameraState, start_depth_camera, take_depth
 from iwalker_jax.navigation.faults import Faults, obstacles_at, within
-from iwalker_jax.navigation.map_memory import map_cells
+from iwalker_jax.navigation.memory import map_cells
 from iwalker_jax.navigation.navigators import Navigator
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
 from iwalker_jax.navigation.sightings import Sighting, deliver, start_sightings

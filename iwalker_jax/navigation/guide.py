@@ -9,21 +9,19 @@ from jaxtyping import Array, Bool, Float
 from iwalker_jax.checks import Scalar
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, arc_length, interpolate_along, resample_by_arc_length, to_base, to_world
-from iwalker_jax.navigation.map_memory import (
+from iwalker_jax.navigation.memory import (
     MapMemory,
     MapMemoryParameters,
+    RouteMemory,
+    RouteMemoryParameters,
     empty_memory,
+    empty_route_memory,
+    route_grid,
     update_memory,
+    update_route_memory,
     window_origin,
 )
 from iwalker_jax.navigation.path_band import BAND_POINTS, BandParameters, safe_path, way_to_room
-from iwalker_jax.navigation.route_memory import (
-    RouteMemory,
-    RouteMemoryParameters,
-    empty_route_memory,
-    route_grid,
-    update_route_memory,
-)
 from iwalker_jax.perception import (
     DEFAULT_OBSTACLES,
     ROUTE_POINTS,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from iwalker_jax.navigation.guide import GuidanceParameters, route_costs
-from iwalker_jax.navigation.map_memory import empty_memory
-from iwalker_jax.navigation.route_memory import (
+from iwalker_jax.navigation.memory import (
     RouteMemoryParameters,
+    empty_memory,
     empty_route_memory,
     route_grid,
     update_route_memory,

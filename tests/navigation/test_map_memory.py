@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.map_memory import (
+from iwalker_jax.navigation.memory import (
     MapMemoryParameters,
     empty_memory,
     memory_cells,

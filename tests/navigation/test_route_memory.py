@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.map_memory import ROUTE_CELLS, MapMemoryParameters, empty_memory, update_memory
-from iwalker_jax.navigation.route_memory import (
+from iwalker_jax.navigation.memory import (
+    MapMemoryParameters,
     RouteMemoryParameters,
+    empty_memory,
     empty_route_memory,
     route_grid,
+    update_memory,
     update_route_memory,
 )
 from iwalker_jax.perception import DEFAULT_GRID, FrameCells
@@ -42,8 +44,8 @@ def walked(distance: float):
 
 def places(memory) -> np.ndarray:
     """World positions [m] of the coarse cells."""
-    resolution = ROUTE_CELLS * WINDOW.resolution
-    return np.asarray(route_grid(ROUTES, WINDOW).centres()) + np.asarray(memory.middle) * resolution
+    grid = route_grid(ROUTES, WINDOW)
+    return np.asarray(grid.centres()) + np.asarray(memory.middle) * grid.resolution
 
 
 def test_what_left_the_window_stays_in_its_place():

@@ -31,10 +31,17 @@ from iwalker_jax.navigation.closed_loop import camera_frame, start_episode
 from iwalker_jax.navigation.depth_camera import start_depth_camera, take_depth
 from iwalker_jax.navigation.faults import make_faults
 from iwalker_jax.navigation.guide import GuidanceParameters, Observation, guide, start_guide
-from iwalker_jax.navigation.map_memory import MapMemoryParameters, empty_memory, memory_cells, update_memory
+from iwalker_jax.navigation.memory import (
+    MapMemoryParameters,
+    RouteMemoryParameters,
+    empty_memory,
+    empty_route_memory,
+    memory_cells,
+    update_memory,
+    update_route_memory,
+)
 from iwalker_jax.navigation.navigators import LoopParameters, Navigator, make_navigator
 from iwalker_jax.navigation.path_band import BandParameters, safe_path, way_to_room
-from iwalker_jax.navigation.route_memory import RouteMemoryParameters, empty_route_memory, update_route_memory
 from iwalker_jax.navigation.step_planning import PursuitParameters, held_on_spot, pursue
 from iwalker_jax.perception import ROUTE_POINTS, FrameCells
 from iwalker_jax.perception.grid import DEFAULT_GRID

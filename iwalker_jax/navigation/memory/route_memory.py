@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.navigation.map_memory import (
+from iwalker_jax.navigation.memory.map_memory import (
     LARGEST_SHIFT,
     ROUTE_CELLS,
     MapMemory,

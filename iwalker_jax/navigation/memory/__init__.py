@@ -1,0 +1,35 @@
+"""What the robot remembers of the floor: a fine window near it, and a wider, coarser map for routes."""
+
+from iwalker_jax.navigation.memory.map_memory import (
+    MapCell,
+    MapMemory,
+    MapMemoryParameters,
+    empty_memory,
+    map_cells,
+    memory_cells,
+    update_memory,
+    window_origin,
+)
+from iwalker_jax.navigation.memory.route_memory import (
+    RouteMemory,
+    RouteMemoryParameters,
+    empty_route_memory,
+    route_grid,
+    update_route_memory,
+)
+
+__all__ = [
+    "MapCell",
+    "MapMemory",
+    "MapMemoryParameters",
+    "RouteMemory",
+    "RouteMemoryParameters",
+    "empty_memory",
+    "empty_route_memory",
+    "map_cells",
+    "memory_cells",
+    "route_grid",
+    "update_memory",
+    "update_route_memory",
+    "window_origin",
+]
