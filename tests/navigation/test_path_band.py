@@ -69,6 +69,20 @@ def test_room_to_turn_lies_straight_off_a_wall_and_in_the_middle_of_a_corridor()
     np.testing.assert_allclose(offset, [0.0, -0.06], atol=0.03)
 
 
+def test_room_to_turn_lies_before_a_gap_and_not_beyond_a_pole():
+    """Oracle: the places of the walls, a gap of 0.38 m between them, and of a pole 4 cm thick."""
+    grid = GridSpec(-1.0, -1.0, 0.02, 100, 100)
+    x, y = np.moveaxis(np.asarray(grid.centres()), -1, 0)
+    gap = signed_distance_field(jnp.asarray((x > 0) & (np.abs(y) > 0.19)), 0.02)
+    out = way_to_room(PARAMETERS, jnp.asarray([0.15, 0.0]), gap, grid)
+    assert -0.45 < float(out[0]) < -0.25 and abs(float(out[1])) < 0.15
+    pole = signed_distance_field(jnp.asarray(x**2 + y**2 < 0.02**2), 0.02)
+    for place in ([0.12, 0.0], [-0.1, 0.08]):
+        offset = np.asarray(way_to_room(PARAMETERS, jnp.asarray(place), pole, grid))
+        np.testing.assert_allclose(np.linalg.norm(place + offset), PARAMETERS.turning_clearance + 0.02, atol=0.03)
+        assert offset @ place > 0.95 * np.linalg.norm(offset) * np.linalg.norm(place)
+
+
 @pytest.mark.parametrize("width", [0.30, 0.34, 0.36])
 def test_a_robot_never_creeps_through_a_gap_that_it_does_not_fit(width):
     """It walks each path to its end and asks again, swaying. Oracle: the gap's width and place."""

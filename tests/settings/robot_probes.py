@@ -182,6 +182,13 @@ def guided(parameters: GuidanceParameters) -> Any:
     return guide(parameters, navigator().planner.merge(), SMALL, memory, observation)
 
 
+def banded(parameters: BandParameters) -> Any:
+    """A path through open floor, and the ways to room on slopes of clearance with and without enough of it."""
+    x = DEFAULT_GRID.centres()[..., 0]
+    rooms = [way_to_room(parameters, jnp.ones(2), slope * x, DEFAULT_GRID) for slope in (0.12, 0.2)]
+    return safe_path(parameters, PATH, jnp.ones(DEFAULT_GRID.shape), DEFAULT_GRID), rooms
+
+
 def routed(parameters: RouteMemoryParameters) -> Any:
     """The coarse map of a window in which everything is free."""
     window = MapMemoryParameters()
@@ -222,15 +229,7 @@ PROBES = {
     ),
     RouteMemoryParameters: (Probe(routed, RouteMemoryParameters(), changes={"cells": 80}),),
     MapMemoryParameters: (Probe(mapped, MapMemoryParameters(), changes={"cells": 80}, followed=False),),
-    BandParameters: (
-        Probe(
-            lambda c: (
-                safe_path(c, PATH, jnp.ones(DEFAULT_GRID.shape), DEFAULT_GRID),
-                way_to_room(c, jnp.zeros(2), jnp.ones(DEFAULT_GRID.shape), DEFAULT_GRID),
-            ),
-            BandParameters(),
-        ),
-    ),
+    BandParameters: (Probe(banded, BandParameters(), followed=False),),
     PursuitParameters: (
         Probe(
             lambda c: held_on_spot(
