@@ -49,3 +49,21 @@ def test_contact_gradients(tmp_path):
         numeric = (step(torques + nudge) - step(torques - nudge)) / 2e-5
         np.testing.assert_allclose(jacobian[:, motor], numeric, atol=1e-7 * np.abs(jacobian).max())
     assert len(found["ticks"]) == 6 and max(found["ticks"].values()) < 1e-5
+
+
+def test_closed_loop(tmp_path):
+    """Oracle: the frame rate and the time limit, counted by hand, and the base's way from the recorded joints."""
+    found = found_by(
+        "closed_loop",
+        tmp_path,
+        {"TASK": "corridor", "TIME_LIMIT": 2.0, "FRAMES": 2},
+        "{'time': record.time, 'outcome': metrics.outcome.name, 'torso': record.qpos[:, :2], "
+        "'base': record.base[:, :2], 'depth': record.depth.shape, 'drift': drift}",
+    )
+    # A frame is 33 ticks of 2 ms; that the time is over is noticed at a frame's beginning, and recorded at its end.
+    assert found["outcome"] == "TIMED_OUT" and 2.0 <= found["time"][-1] <= 2.0 + 2 * 0.066
+    np.testing.assert_allclose(np.diff(found["time"]), 0.066, atol=1e-3)
+    assert found["depth"] == [len(found["time"]), 90, 160]
+    # The base frame lies below the COM, a few centimetres from the torso's origin.
+    np.testing.assert_allclose(found["torso"], found["base"], atol=0.06)
+    assert 0 < max(found["drift"]) < 0.2
