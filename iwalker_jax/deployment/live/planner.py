@@ -31,7 +31,9 @@ class _Frames:
         self._waiting: tuple[Header, Arrays] | None = None
         self._state: Arrays = {}
         self._changed = threading.Condition()
-        threading.Thread(target=self._run, daemon=True).start()
+        self._ending = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
 
     def show(self, image: tuple[Header, Arrays], state: Arrays) -> None:
         """Plan on an image with the present state; one that still waits is left out."""
@@ -40,12 +42,21 @@ class _Frames:
             self._waiting, self._state = image, state
             self._changed.notify()
 
+    def close(self) -> None:
+        """Wait for the frame under way: a process that ends within one is aborted."""
+        with self._changed:
+            self._ending = True
+            self._changed.notify()
+        self._thread.join(5.0)
+
     def _run(self) -> None:
         try:
             while True:
                 with self._changed:
-                    while self._waiting is None:
+                    while self._waiting is None and not self._ending:
                         self._changed.wait()
+                    if self._ending or self._waiting is None:
+                        return
                     (header, image), state = self._waiting, self._state
                     self._waiting = None
                 outputs = self._function({**self._memory, **image, **state, **self._goals})
@@ -134,6 +145,8 @@ def run_planner(folder: Path, place: Path, limits: WatchdogLimits, goals: Arrays
         if waiting is not None and frames is not None:
             frames.show(waiting, state)
             waiting = None
+    if frames is not None:
+        frames.close()
     peer.close()
     report = {
         "punctuality": deadlines.punctuality(),

@@ -110,6 +110,7 @@ def run_simulation(
     if supervisor.recv() == BEGIN:
         run = _Simulation(robot, peer, settings, np.asarray(task.goals[-1]), round(rate / frame_rate), supervisor)
         supervisor.send((DONE, run.run()))
+        run.close()
     peer.close()
 
 
@@ -155,6 +156,10 @@ class _Simulation:
             halted=bool(self.answer) and bool(self.answer["halted"]),
             place=(float(place[0]), float(place[1])),
         )
+
+    def close(self) -> None:
+        """Wait for the image under way: a process that ends within one is aborted."""
+        self._camera.acquire(timeout=5.0)
 
     def _tick(self, tick: int, began: float) -> str:
         """Tell the state, wait for torques, or in real time for the tick's end, and step; says if nobody answers."""
