@@ -15,6 +15,7 @@ from iwalker_jax.perception import DEFAULT_GRID, GridSpec
 from iwalker_jax.runtime import atomic_write
 
 FOOT_COLOURS = {"right": "tab:orange", "left": "tab:blue"}
+"""Colours of right and left feet in plots."""
 
 
 def pyplot() -> ModuleType:

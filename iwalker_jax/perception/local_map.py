@@ -106,11 +106,10 @@ class FrameCells(NamedTuple):
 
     Attributes:
         occupied: an obstacle as `ObstacleParameters` say was seen here.
-        known_free: not occupied, and
-          - floor was seen in the cell; or
-          - it lies nearer to the camera than the first obstacle or drop of its bearing and no farther than the farthest
-            floor or obstacle seen along that bearing. This includes the wedge below the image's lower edge, between the
-            robot and the first surface seen; where nothing was seen along a bearing, the wedge stays unknown.
+        known_free: not occupied, and floor was seen in the cell; or it lies nearer to the camera than the first
+            obstacle or drop of its bearing and no farther than the farthest floor or obstacle seen along that bearing.
+            This includes the wedge below the image's lower edge, between the robot and the first surface seen; where
+            nothing was seen along a bearing, the wedge stays unknown.
         seen_free: known free without that wedge, in which a low obstacle may stand unseen.
     """
 

@@ -16,6 +16,7 @@ ROUTE_GRID = halved(DEFAULT_GRID)
 """10 cm cells are fine enough for routes; clearance itself is sampled from the 5 cm distance field."""
 
 ROUTE_POINTS = 50
+"""Points of a route."""
 _SMOOTHING_PASSES = 6
 
 

@@ -32,10 +32,14 @@ LEG_JOINTS = ("hip_yaw", "hip_pitch", "hip_roll", "knee_pitch", "ankle_pitch")
 """Joints of a leg, hip first; the right leg's carry the ending _r, the left's _l."""
 LEG_COUNT = 2 * len(LEG_JOINTS)
 """Joints, and motors, of both legs."""
-LEG_POSITIONS, ARM_POSITIONS = slice(7, 7 + LEG_COUNT), slice(7 + LEG_COUNT, None)
-"""Of the positions qpos: the legs' joints, and all others."""
-LEG_VELOCITIES, ARM_VELOCITIES = slice(6, 6 + LEG_COUNT), slice(6 + LEG_COUNT, None)
-"""Of the velocities qvel likewise."""
+LEG_POSITIONS = slice(7, 7 + LEG_COUNT)
+"""Of the positions qpos: the legs' joints."""
+ARM_POSITIONS = slice(7 + LEG_COUNT, None)
+"""Of the positions qpos: all other joints."""
+LEG_VELOCITIES = slice(6, 6 + LEG_COUNT)
+"""Of the velocities qvel: the legs' joints."""
+ARM_VELOCITIES = slice(6 + LEG_COUNT, None)
+"""Of the velocities qvel: all other joints."""
 CONTACT_POINTS = ("toe_r", "heel_r", "toe_l", "heel_l")
 """Sites where the feet touch the floor, and the geoms that do it."""
 FEET = ("midfoot_r", "midfoot_l")

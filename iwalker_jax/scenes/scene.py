@@ -36,7 +36,10 @@ SCENE_CAPACITIES = (
 )
 """Shapes of scene arrays from small to large: programs are compiled for each, and rooms do not pay for halls."""
 
-SMALL, LARGEST = SCENE_CAPACITIES[0], SCENE_CAPACITIES[-1]
+SMALL = SCENE_CAPACITIES[0]
+"""The smallest capacity of a scene's arrays."""
+LARGEST = SCENE_CAPACITIES[-1]
+"""The largest capacity of a scene's arrays."""
 
 _NO_CEILING = 1.0e3
 BURIED = -1.0e3

@@ -27,6 +27,7 @@ TASK_NAMES: tuple[str, ...] = (
     *(f"test_{name}" for name in SEQUENCE_NAMES),
     *ROOM_TASK_NAMES,
 )
+"""All names that `named_task` takes."""
 
 START_CLEARANCE, GOAL_CLEARANCE = 0.35, 0.30
 """[m] in plan view between obstacles and the base at the start and at goals: room to start and to stand."""

@@ -147,3 +147,4 @@ PRESETS = {
     "paper-small": small_paper_preset,
     "quick": quick_preset,
 }
+"""What makes the configuration of each `--preset`."""

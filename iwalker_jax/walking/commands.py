@@ -28,6 +28,7 @@ from iwalker_jax.runtime import read_text
 from iwalker_jax.runtime.reading import printable
 
 MotionKind = Literal["stand", "in_place", "straight", "sideways", "turn", "s_curve", "footsteps", "path"]
+"""Kinds of motion that a `Motion` may be."""
 
 CURVE_RADIUS = 1.0
 """[m] of both arcs of the S-curve."""

@@ -20,6 +20,7 @@ from iwalker_jax.streams import check_seed
 from iwalker_jax.walking.rollout import MAX_DELAY, Conditions, Walker
 
 Sensors = Literal["none", "nominal", "harsh"]
+"""Sensor noise of a walk: the true state, or the estimate from nominal or harsh readings."""
 
 STEP_TIME = float(GaitParameters().hlip.step_time)
 """[s] of a step of the default controller."""

@@ -53,6 +53,7 @@ EPISODE_COLUMNS = (
     Column("QP failed %", "ticks whose whole-body QP did not converge", 2),
     Column("shaking cm", "from each new path, 0.5 m ahead, to the one before", 1),
 )
+"""Columns of the table of episodes, in order."""
 _FAILURES = (
     (Outcome.MISTAKEN,),
     (Outcome.COLLIDED,),

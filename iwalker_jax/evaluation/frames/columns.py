@@ -30,6 +30,7 @@ FRAME_COLUMNS = (
     ),
     Column("served %", "both kinds of goals together", 1),
 )
+"""Columns of the table of plans on single frames, in order."""
 
 UNCHARGED_COLUMNS = tuple(
     Column(f"uncharged {title}", f"{meaning}; nothing is charged, so that standing still wins", 3)

@@ -68,6 +68,7 @@ PAPER_TABLES = (
         of_spacing=True,
     ),
 )
+"""Tables I to III of the paper: titles, rows and metrics."""
 
 
 def scene_values(results: Table, metric: str) -> dict[str, dict[str, np.ndarray]]:

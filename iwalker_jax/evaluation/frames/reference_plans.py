@@ -20,6 +20,7 @@ from iwalker_jax.planning import (
 
 ReferenceName = Literal["stand still", "straight line"]
 REFERENCE_NAMES: tuple[ReferenceName, ...] = ("stand still", "straight line")
+"""Names of the plans without a planner that a table shows beside the planners'."""
 
 _AT_REST = 1e-4
 """[m] length of the path of a robot that stands still: its tangent says where the robot looks."""

@@ -39,6 +39,7 @@ WALK_COLUMNS = (
     Column("QP failures", "ticks whose whole-body QP did not converge", 0),
     Column("velocity RMS cm/s", "error of the COM velocity that the controller believes", 2),
 )
+"""Columns of the table of walks, in order."""
 
 
 def summarise(metrics: Sequence[WalkMetrics]) -> dict[str, float]:

@@ -263,3 +263,4 @@ _DESIGNS: dict[str, Callable[[_Jitter], _Design]] = {
 }
 
 DEMONSTRATION_NAMES: tuple[str, ...] = tuple(_DESIGNS)
+"""Names of the demonstration scenes."""

@@ -157,6 +157,7 @@ _ROOMS: dict[str, tuple[Callable[[Layout, Pose2D], None], bool | None, Rectangle
 }
 
 HARD_ROOM_NAMES: tuple[str, ...] = tuple(_ROOMS)
+"""Names of the hard rooms."""
 
 
 def room_is_passable(name: str) -> bool | None:

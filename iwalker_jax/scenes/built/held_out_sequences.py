@@ -189,3 +189,4 @@ _SEQUENCES: dict[str, Callable[[], tuple[Layout, list[tuple[float, float]]]]] = 
 }
 
 SEQUENCE_NAMES: tuple[str, ...] = tuple(_SEQUENCES)
+"""Names of the scenes that are kept for sequences."""

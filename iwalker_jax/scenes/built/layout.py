@@ -37,6 +37,7 @@ class Style:
 
 
 TRAINING_STYLE = Style()
+"""Style of the training scenes."""
 
 HELD_OUT_STYLE = Style(
     wall_thickness=(0.18, 0.26),

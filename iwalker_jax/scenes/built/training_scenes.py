@@ -27,6 +27,7 @@ _GENERATORS: dict[str, Family] = {
 }
 
 FAMILIES: tuple[str, ...] = tuple(_GENERATORS)
+"""Names of the families of training scenes."""
 
 
 def generate_scene(family: str, seed: int) -> Scene:

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from iwalker_jax.errors import InputError
 
 Up = Literal["x", "y", "z"]
+"""Axis of a mesh that points up."""
 
 _Y_UP_SUFFIXES = (".glb", ".gltf")
 _LEVEL_FACE = math.cos(math.radians(30))
