@@ -17,6 +17,7 @@ from mkdocs.structure.pages import Page
 from nbconvert import MarkdownExporter
 
 ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
 PACKAGES = ("iwalker_jax", "bruce_model")
 COPIED = {
     "index.md": "README.md",
@@ -35,13 +36,17 @@ _FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """MkDocs: the version in the title, the pages of the API in the navigation."""
+    """MkDocs: the version in the title, and in the navigation what its list need not repeat."""
     version = re.search(r'__version__ = "(.+)"', (ROOT / "iwalker_jax" / "version.py").read_text(encoding="utf-8"))
     assert version is not None
     config.site_name = f"{config.site_name} {version[1]}"
     config.extra["api"] = Api()
     pages = config.extra["api"].pages
     config.nav.append({"API": [{text.partition("\n")[0].strip("# `"): path} for path, text in pages.items()]})
+    parts = {title: part for entry in config.nav for title, part in entry.items()}
+    parts["Notebooks"] += [f"notebooks/{name}.md" for name in _NOTEBOOK.findall(text_of("notebooks.md"))]
+    listed = str(config.nav)
+    parts["Guides"] += [page.name for page in sorted(DOCS.glob("*.md")) if f"'{page.name}'" not in listed]
     return config
 
 
@@ -68,6 +73,11 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, **_: Any) 
     pieces = _FENCE.split(markdown)
     pieces[::2] = [_DOTTED.sub(config.extra["api"].linked, piece) for piece in pieces[::2]]
     return "".join(pieces)
+
+
+def text_of(page: str) -> str:
+    """A page of docs/."""
+    return (DOCS / page).read_text(encoding="utf-8")
 
 
 class Api:
@@ -102,7 +112,7 @@ class Api:
 
     def inside(self) -> str:
         """What the pages name in code and no room shows: functions of an equation, for one."""
-        text = "".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md")))
+        text = "".join(text_of(page.name) for page in sorted(DOCS.glob("*.md")))
         found = [self.find(dotted) for dotted in sorted(set(_DOTTED.findall(text)))]
         paths = [item.canonical_path for item in found if item is not None]
         wanted = [path for path in paths if not self.anchor_of(path)]
