@@ -160,6 +160,6 @@ def anchor(path: str, item: Item) -> str:
 
 
 def summary(item: Item) -> str:
-    """The first line of a docstring, fit for a cell of a table."""
-    text = item.docstring.value.partition("\n")[0] if item.docstring else ""
-    return text.replace("|", r"\|")
+    """The first sentence of a docstring, fit for a cell of a table."""
+    text = " ".join(item.docstring.value.partition("\n\n")[0].split()) if item.docstring else ""
+    return text.partition(". ")[0].rstrip(".").replace("|", r"\|")
