@@ -102,7 +102,7 @@ class Api:
     def face(self, face: Module) -> Iterator[str]:
         """What a package says of itself, the table of its names, and descriptions that stand nowhere yet."""
         assert face.docstring is not None and face.exports is not None
-        items = [(f"{face.path}.{name}", face[str(name)]) for name in sorted(map(str, face.exports))]
+        items = [(f"{face.path}.{name}", meant(face[name])) for name in sorted(map(str, face.exports))]
         rows = [
             f"| {anchor(path, item)}[`{item.name}`][{item.canonical_path}] | {summary(item)} |" for path, item in items
         ]
@@ -128,7 +128,7 @@ class Api:
     def find(self, dotted: str) -> Item | None:
         """What a dotted name of a page means; None for modules and for what is assigned while running."""
         try:
-            item = self.loader.modules_collection[re.sub(r"^iw\.", "iwalker_jax.", dotted)]
+            item = meant(self.loader.modules_collection[re.sub(r"^iw\.", "iwalker_jax.", dotted)])
             return None if item.is_module else item
         except (KeyError, griffe.AliasResolutionError):
             return None
@@ -152,6 +152,11 @@ def faces(package: Module) -> Iterator[Module]:
     for _, inner in sorted(package.modules.items()):
         if not inner.is_alias:
             yield from faces(inner)
+
+
+def meant(item: Item) -> Item:
+    """A function or class instead of the module of the same name that it is imported from."""
+    return item[item.name] if item.is_module and item.name in item.members else item
 
 
 def anchor(path: str, item: Item) -> str:

@@ -10,6 +10,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -52,6 +53,13 @@ def test_every_public_name_has_an_entry(site):
     names = public_names()
     assert len(names) > 300
     assert names <= anchors, f"not in the site: {', '.join(sorted(names - anchors))}"
+
+
+def test_every_name_is_described_once(site):
+    for page in sorted((site / "api").glob("*.html")):
+        anchors = re.findall(r'\bid="([^"]+)"', page.read_text(encoding="utf-8"))
+        twice = {anchor for anchor, count in Counter(anchors).items() if count > 1}
+        assert not twice, f"{page.name}: {', '.join(sorted(twice))}"
 
 
 def test_every_function_of_an_equation_is_a_link(site):
