@@ -54,6 +54,8 @@ def test_a_message_is_what_the_page_says():
         HEADER.pack(b"IWLK", 1, 9, 18, 1, 1) + bytes(18),
         HEADER.pack(b"IWLK", 1, 1, 2**32 - 1, 1, 1) + bytes(18),
     ],
+    # A message holds when it was sent: named by its bytes, every worker would have a test of its own.
+    ids=["empty", "start", "other", "cut", "long", "version", "kind", "length"],
 )
 def test_bytes_that_are_no_message_are_refused(content):
     with pytest.raises(MessageError):
