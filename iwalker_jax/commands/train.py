@@ -44,7 +44,8 @@ class Command:
 
     Attributes:
         preset: which configuration the other options start from.
-        data: folder of your own depth recording to train on instead of generated scenes.
+        data: your own depth recording, a folder or a bag, to train on instead of generated scenes.
+        topic: of the depth images in a bag that has several.
         out: folder for checkpoints, metrics, tables and pictures; an existing run in it is resumed.
         fresh: start anew even if the folder holds a run, whose checkpoints are removed.
         start_from: folder of another run whose trained networks this one starts from (fine-tuning).
@@ -57,6 +58,7 @@ class Command:
 
     preset: Literal["default", "quick", "paper", "paper-small"] = "default"
     data: Path | None = None
+    topic: str | None = None
     out: Path = Path("runs/default")
     fresh: bool = False
     start_from: Path | None = None
@@ -77,8 +79,10 @@ def parse(arguments: list[str]) -> Command:
         raise InputError(f"Unknown preset {preset!r}; choose one of {', '.join(PRESETS)}.")
     default = Command(preset=preset, out=Path("runs") / preset, config=PRESETS[preset]())  # type: ignore[arg-type]
     command = tyro.cli(Command, args=arguments, default=default, description=Command.__doc__)
-    if command.data is not None:
-        source = dataclasses.replace(command.config.source, folder=command.data)
+    if command.data is not None or command.topic is not None:
+        own = command.config.source
+        folder, topic = command.data or own.folder, command.topic or own.topic
+        source = dataclasses.replace(own, folder=folder, topic=topic)
         command = dataclasses.replace(command, config=dataclasses.replace(command.config, source=source))
     return command
 

@@ -1,4 +1,4 @@
-"""What is usable in a recording, what is wrong, what was assumed: python -m experiments.validate_recording FOLDER."""
+"""What is usable in a recording, what is wrong, what was assumed: python -m experiments.validate_recording PLACE."""
 
 import math
 import sys
@@ -21,15 +21,18 @@ class Command:
     """Say what is usable in a recording of depth images, what is wrong, file by file, and what was assumed.
 
     Attributes:
-        folder: of the recording: recording.yaml, TUM RGB-D or iPlanner layout, or bare PNG images with --intrinsics.
+        folder: of the recording: recording.yaml, TUM RGB-D or iPlanner layout, or bare PNG images with --intrinsics; or
+            a bag of ROS 1 (.bag) or ROS 2.
         intrinsics: width height fx fy cx cy [px] of the stored images; wins over the folder's own.
         depth_scale: [m] per unit of the images; wins over the folder's own.
+        topic: of the depth images in a bag that has several.
         max_problems: problems to print.
     """
 
     folder: Annotated[Path, tyro.conf.Positional]
     intrinsics: tuple[int, int, float, float, float, float] | None = None
     depth_scale: float | None = None
+    topic: str | None = None
     max_problems: int = 40
 
 
@@ -40,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
     require_counts(command, max_problems=0)
     require_devices()
     intrinsics = None if command.intrinsics is None else Intrinsics(*command.intrinsics)
-    report = validate_recording(command.folder, intrinsics, command.depth_scale)
+    report = validate_recording(command.folder, intrinsics, command.depth_scale, command.topic)
     print_report(report, command.max_problems)
     return 0 if report.is_usable else 1
 
@@ -62,6 +65,11 @@ def print_report(report: RecordingReport, max_problems: int) -> None:
             f"forward {forward:.3f} m, left {left:.3f} m",
         )
     console.print(summary)
+    if report.topics:
+        topics = Table("topic", "type", "messages", "use", title=f"{len(report.topics)} topics")
+        for topic in report.topics:
+            topics.add_row(escape(printable(topic.name)), topic.type, str(topic.messages), escape(topic.use))
+        console.print(topics)
     if report.problems:
         problems = Table("file", "problem", title=f"{len(report.problems)} problems")
         for problem in report.problems[:max_problems]:

@@ -10,6 +10,7 @@ from iwalker_jax.data.frame_set import FrameSet, depth_to_millimetres
 from iwalker_jax.data.recordings import NO_FREE_GROUND, goal_places, load_recording
 from iwalker_jax.geometry import host
 from iwalker_jax.perception import Intrinsics
+from iwalker_jax.runtime import printable
 
 
 def frames_from_recording(
@@ -20,8 +21,9 @@ def frames_from_recording(
     depth_scale: float | None = None,
     say: Callable[[str], None] = print,
     camera: Intrinsics = Intrinsics(),
+    topic: str | None = None,
 ) -> FrameSet:
-    """Frames of a recording folder with goals; what was assumed or left out is said.
+    """Frames of a recording's folder or bag with goals; what was assumed or left out is said.
 
     With poses the first goal is where the recording ends, as in the paper; the others, and all of them without poses,
     are cells that the frame itself shows to be free and reachable, evenly spread over distances.
@@ -33,11 +35,12 @@ def frames_from_recording(
         intrinsics, depth_scale: override the folder's own.
         say: hears the sentences.
         camera: that the frames are re-projected to.
+        topic: of a bag's depth images; None chooses.
 
     Raises:
         InputError: if the recording is unusable.
     """
-    recording = load_recording(folder, intrinsics, depth_scale, camera)
+    recording = load_recording(folder, intrinsics, depth_scale, camera, topic)
     blocked = [problem for problem in recording.report.problems if problem.problem == NO_FREE_GROUND]
     for problem in recording.report.problems:
         if problem not in blocked:
@@ -45,6 +48,8 @@ def frames_from_recording(
     if blocked:
         total = len(recording) + len(blocked)
         say(f"{len(blocked)} of {total} frames show no free ground ahead and were left out.")
+    for recorded in recording.report.topics:
+        say(f"Topic {printable(recorded.name)} ({recorded.type}, {recorded.messages} messages): {recorded.use}.")
     for assumption in recording.report.assumptions:
         say(f"Assumed: {assumption}")
     depth = recording.depth_frames()

@@ -28,16 +28,18 @@ class DataConfig:
     """What to train on.
 
     Attributes:
-        folder: a recording of your own; None generates synthetic scenes.
+        folder: a recording of your own, or a bag; None generates synthetic scenes.
         frames: number of synthetic frames; the paper has 1185.
         seed: of layouts, camera paths and noise.
         episodes: file of frames from the robot's own episodes (`experiments.collect`), added to the others.
+        topic: of the depth images in a bag that has several; None chooses.
     """
 
     folder: Path | None = None
     frames: int = 1185
     seed: int = 0
     episodes: Path | None = None
+    topic: str | None = None
 
     def __post_init__(self) -> None:
         check_seed(self.seed, "the frames")
@@ -72,7 +74,7 @@ def _own_frames(
     source: DataConfig, camera: Intrinsics, on_progress: Callable[[int, int], None], say: Callable[[str], None]
 ) -> FrameSet:
     if source.folder is not None:
-        return frames_from_recording(source.folder, seed=source.seed, say=say, camera=camera)
+        return frames_from_recording(source.folder, seed=source.seed, say=say, camera=camera, topic=source.topic)
     file = cache_file(source, camera)
     if file.exists():
         try:

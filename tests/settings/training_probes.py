@@ -157,7 +157,7 @@ def scenes_of(source: DataConfig) -> Any:
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setenv("IWALKER_CACHE", folder)
         patch.setattr(sources, "generate_training_frames", lambda *_, **__: frames("generated"))
-        patch.setattr(sources, "frames_from_recording", lambda *_, **__: frames("recorded"))
+        patch.setattr(sources, "frames_from_recording", lambda *_, topic, **__: frames(f"recorded {topic}"))
         patch.setattr(sources, "load_frames", lambda file: frames("episodes"))
         return load_training_frames(source, SMALL, say=lambda _: None).scene_names
 
@@ -177,6 +177,9 @@ PROBES = {
             changes={"folder": Path("recording"), "episodes": Path("episodes.npz")},
             traced=False,
             only=("folder", "episodes"),
+        ),
+        Probe(
+            scenes_of, DataConfig(folder=Path("recording")), changes={"topic": "/depth"}, traced=False, only=("topic",)
         ),
     ),
     CameraPathSampling: (

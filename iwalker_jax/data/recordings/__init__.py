@@ -1,4 +1,4 @@
-"""Recorded depth sequences as data sets: three folder layouts, validated file by file before use."""
+"""Recorded depth sequences as data sets: three folder layouts and bags, validated file by file before use."""
 
 from iwalker_jax.data.recordings.folder_files import depth_images
 from iwalker_jax.data.recordings.free_ground import goal_places

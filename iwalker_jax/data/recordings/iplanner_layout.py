@@ -9,10 +9,10 @@ from jaxtyping import Float
 from iwalker_jax.data.recordings.folder_files import depth_images, read_numbers
 from iwalker_jax.data.recordings.metadata import (
     RecordingMetadata,
-    camera_heading,
-    camera_tilt,
+    facing_camera,
     paired_rows,
     rotation_from_quaternion,
+    turn_if_upside_down,
 )
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import Intrinsics
@@ -56,26 +56,15 @@ def read_iplanner_layout(folder: Path, intrinsics: Intrinsics | None, depth_scal
     poses, mounts = np.full((len(odometry), 3), np.nan), np.full((len(odometry), 5), np.nan)
     for row, values in enumerate(odometry):
         R_world_body = rotation_from_quaternion(values[3:])
-        R_world_camera = R_world_body @ R_body_camera
-        yaw = camera_heading(R_world_camera)
-        pitch, roll = camera_tilt(R_world_camera)
-        offset = R_world_body @ p_body_camera
-        forward = math.cos(yaw) * offset[0] + math.sin(yaw) * offset[1]
-        left = math.cos(yaw) * offset[1] - math.sin(yaw) * offset[0]
-        poses[row] = [values[0], values[1], yaw]
-        mounts[row] = [math.nan, pitch, roll, forward, left]
-    rolls = mounts[np.isfinite(mounts[:, 2]), 2]
-    if rolls.size and np.median(np.abs(rolls)) > math.pi / 2:
-        metadata.upside_down = True
-        mounts[:, 2] -= math.pi * np.sign(mounts[:, 2])
-        assumptions.append("By its extrinsics the camera was mounted upside down: images are turned by 180 degrees.")
+        poses[row], mounts[row] = facing_camera(R_world_body, values[:3], R_body_camera, p_body_camera)
+    mounts = turn_if_upside_down(metadata, mounts, "By its extrinsics")
     pitches = mounts[np.isfinite(mounts[:, 1]), 1]
     if pitches.size and abs(np.median(pitches)) > math.radians(70.0):
         raise InputError(
             f"{EXTRINSICS} makes the camera look {math.degrees(np.median(pitches)):.0f} degrees down; it must be the "
             "pose of the optical frame (z forward), not of the camera's housing."
         )
-    assumptions.append("The base is taken to face along the camera's optical axis.")
+    metadata.assumptions.append("The base is taken to face along the camera's optical axis.")
     metadata.poses, metadata.mounts = poses, mounts
     return metadata
 

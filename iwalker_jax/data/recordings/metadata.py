@@ -5,16 +5,20 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from iwalker_jax.data.recordings.report import FileProblem
+from iwalker_jax.data.recordings.report import FileProblem, RecordedTopic
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import host
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.perception.depth_png import MAX_PIXELS
 from iwalker_jax.runtime import printable
+
+MAX_TIME_GAP = 0.05
+"""[s] between a depth image and the nearest recorded pose."""
 
 _QUATERNION_TOLERANCE = 0.03  # of the norm: numbers written with two digits
 _MAX_CENTRE_OFFSET = 0.15  # of the image size; real cameras have 0.03, intrinsics of half the resolution 0.25
@@ -37,6 +41,8 @@ class RecordingMetadata:
             with; None where poses do not say it.
         upside_down: whether the camera was mounted upside down, so that images must be turned by 180 degrees.
         problems, assumptions: found while reading the metadata.
+        topics: of a bag, with their uses.
+        scratch: folder of images that were unpacked, kept as long as this is.
     """
 
     layout: str
@@ -51,6 +57,8 @@ class RecordingMetadata:
     upside_down: bool = False
     problems: list[FileProblem] = field(default_factory=list)
     assumptions: list[str] = field(default_factory=list)
+    topics: list[RecordedTopic] = field(default_factory=list)
+    scratch: TemporaryDirectory[str] | None = None
 
 
 def paired_rows(
@@ -162,3 +170,56 @@ def camera_tilt(R_world_camera: Float[np.ndarray, "3 3"]) -> tuple[float, float]
     """(pitch, roll) [rad] of an optical frame (x right, y down, z forward) in a world with z up (`camera_pose`)."""
     up = R_world_camera[2]
     return math.asin(float(np.clip(-up[2], -1.0, 1.0))), math.atan2(-up[0], -up[1])
+
+
+def facing_camera(
+    R_world_body: Float[np.ndarray, "3 3"],
+    p_world_body: Float[np.ndarray, " 3"],
+    R_body_camera: Float[np.ndarray, "3 3"],
+    p_body_camera: Float[np.ndarray, " 3"],
+) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 5"]]:
+    """(pose, mount) of a base at the body's place that faces along the optical axis; the mount's height is unknown.
+
+    Args:
+        R_world_body, p_world_body: [m] of the body in a world with z up.
+        R_body_camera, p_body_camera: [m] of the optical frame (x right, y down, z forward) in the body.
+    """
+    R_world_camera = R_world_body @ R_body_camera
+    yaw = camera_heading(R_world_camera)
+    pitch, roll = camera_tilt(R_world_camera)
+    offset = R_world_body @ p_body_camera
+    forward = math.cos(yaw) * offset[0] + math.sin(yaw) * offset[1]
+    left = math.cos(yaw) * offset[1] - math.sin(yaw) * offset[0]
+    return np.array([p_world_body[0], p_world_body[1], yaw]), np.array([math.nan, pitch, roll, forward, left])
+
+
+def turn_if_upside_down(
+    metadata: RecordingMetadata, mounts: Float[np.ndarray, "n 5"], by: str
+) -> Float[np.ndarray, "n 5"]:
+    """The mounts of images that are turned upright, if most were taken upside down, which the metadata then says."""
+    rolls = mounts[np.isfinite(mounts[:, 2]), 2]
+    if not rolls.size or np.median(np.abs(rolls)) <= math.pi / 2:
+        return mounts
+    metadata.upside_down = True
+    metadata.assumptions.append(f"{by} the camera was mounted upside down: images are turned by 180 degrees.")
+    upright = mounts.copy()
+    upright[:, 2] -= math.pi * np.sign(mounts[:, 2])
+    return upright
+
+
+def nearest_in_time(
+    recorded: Float[np.ndarray, " m"], stamps: Float[np.ndarray, " n"], gap: float = MAX_TIME_GAP
+) -> Int[np.ndarray, " n"]:
+    """Row of the recorded stamp nearest to each stamp; -1 where none is within the gap [s].
+
+    Args:
+        recorded: [s] in order.
+        stamps: [s].
+        gap: [s].
+    """
+    if len(recorded) == 0:
+        return np.full(len(stamps), -1)
+    after = np.clip(np.searchsorted(recorded, stamps), 0, len(recorded) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(recorded[before] - stamps) <= np.abs(recorded[after] - stamps), before, after)
+    return np.where(np.abs(recorded[nearest] - stamps) <= gap, nearest, -1)

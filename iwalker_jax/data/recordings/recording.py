@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Float32
 
 from iwalker_jax.data.recordings import iplanner_layout, tum_layout, yaml_layout
+from iwalker_jax.data.recordings.bag import is_bag, read_bag_layout
 from iwalker_jax.data.recordings.folder_files import depth_images, is_there
 from iwalker_jax.data.recordings.free_ground import goal_places, reachable_ground
 from iwalker_jax.data.recordings.metadata import RecordingMetadata, check_intrinsics
@@ -79,22 +80,25 @@ def load_recording(
     intrinsics: Intrinsics | None = None,
     depth_scale: float | None = None,
     camera: Intrinsics = Intrinsics(),
+    topic: str | None = None,
 ) -> Recording:
-    """Validate a recording's folder and return its usable frames.
+    """Validate a recording's folder or bag and return its usable frames.
 
-    The layout is recognised: `recording.yaml` (or bare images with `intrinsics` given), iPlanner's, or TUM RGB-D's.
+    The layout is recognised: `recording.yaml` (or bare images with `intrinsics` given), iPlanner's, TUM RGB-D's, or a
+    bag of ROS 1 or 2.
     Where no mount is recorded the floor is fitted in each frame; frames without a visible floor take the median.
 
     Args:
-        folder: of the recording.
+        folder: of the recording, or a bag.
         intrinsics: of the stored images; wins over the folder's own.
         depth_scale: [m] per unit of the images; wins over the folder's own.
         camera: that the frames are re-projected to.
+        topic: of a bag's depth images; None chooses.
 
     Raises:
         InputError: if no frame is usable; the sentence says why.
     """
-    report, recording = _examine(Path(folder), intrinsics, depth_scale, camera)
+    report, recording = _examine(Path(folder), intrinsics, depth_scale, camera, topic)
     if recording is None:
         raise InputError(
             f"The recording {folder} cannot be used: {report.fatal} More is said by `python -m "
@@ -104,20 +108,23 @@ def load_recording(
 
 
 def validate_recording(
-    folder: str | Path, intrinsics: Intrinsics | None = None, depth_scale: float | None = None
+    folder: str | Path,
+    intrinsics: Intrinsics | None = None,
+    depth_scale: float | None = None,
+    topic: str | None = None,
 ) -> RecordingReport:
     """What `load_recording` would find, as a report; never raises for bad recordings."""
-    return _examine(Path(folder), intrinsics, depth_scale, Intrinsics())[0]
+    return _examine(Path(folder), intrinsics, depth_scale, Intrinsics(), topic)[0]
 
 
 def _examine(
-    folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None, camera: Intrinsics
+    folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None, camera: Intrinsics, topic: str | None
 ) -> tuple[RecordingReport, Recording | None]:
     report = RecordingReport(folder, "unknown")
     metadata = None
     try:
         report = replace(report, layout=_recognise(folder))
-        metadata = _READERS[report.layout](folder, intrinsics, depth_scale)
+        metadata = _read_layout(report.layout, folder, intrinsics, depth_scale, topic)
         report = replace(report, found=len(metadata.images))
         metadata.assumptions += _unread(folder, report.layout)
         metadata = _checked(metadata)
@@ -138,6 +145,16 @@ def _examine(
     return report, Recording(report, metadata, mounts, poses, goals, reachable, camera)
 
 
+def _read_layout(
+    layout: str, folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None, topic: str | None
+) -> RecordingMetadata:
+    if layout == "bag":
+        return read_bag_layout(folder, intrinsics, depth_scale, topic)
+    if topic is not None:
+        raise InputError("It is no bag, so that it has no topics; leave the topic out.")
+    return _READERS[layout](folder, intrinsics, depth_scale)
+
+
 def _report(report: RecordingReport, metadata: RecordingMetadata) -> RecordingReport:
     """The report with what is known by now; every copy of the metadata adds to the same problems and assumptions."""
     return replace(
@@ -146,6 +163,7 @@ def _report(report: RecordingReport, metadata: RecordingMetadata) -> RecordingRe
         assumptions=tuple(metadata.assumptions),
         intrinsics=metadata.intrinsics,
         depth_scale=metadata.depth_scale,
+        topics=tuple(metadata.topics),
     )
 
 
@@ -154,8 +172,10 @@ def _recognise(folder: Path) -> str:
         present = folder.is_dir() and any(True for _ in os.scandir(folder))
     except (OSError, ValueError) as error:
         raise InputError(f"The folder cannot be listed ({getattr(error, 'strerror', None) or error}).") from None
+    if is_bag(folder):
+        return "bag"
     if not present and not folder.is_dir():
-        raise InputError("There is no such folder.")
+        raise InputError("There is no such folder, and no bag (.bag, .mcap or .db3) of this name.")
     if is_there(folder / yaml_layout.FILE_NAME):
         return "yaml"
     if is_there(folder / iplanner_layout.ODOMETRY):
@@ -165,8 +185,8 @@ def _recognise(folder: Path) -> str:
     if depth_images(folder)[0] or ((folder / "depth").is_dir() and depth_images(folder / "depth")[0]):
         return "yaml"
     raise InputError(
-        "It is in none of the known layouts: recording.yaml with PNG images, TUM RGB-D (depth.txt), or iPlanner "
-        "(odom_ground_truth.txt)."
+        "It is in none of the known layouts: recording.yaml with PNG images, TUM RGB-D (depth.txt), iPlanner "
+        "(odom_ground_truth.txt), or a bag (metadata.yaml)."
     )
 
 
@@ -187,7 +207,7 @@ def _checked(metadata: RecordingMetadata) -> RecordingMetadata:
         metadata.problems.append(
             FileProblem("poses", "are not finite or not close in time for any image; they are left out.")
         )
-        mounts = None if metadata.layout == "iplanner" else metadata.mounts
+        mounts = None if metadata.layout in ("iplanner", "bag") else metadata.mounts
         metadata = replace(metadata, poses=None, mounts=mounts, tilts=None)
     if metadata.goals is not None:
         check_goals(metadata.goals, metadata.poses)
@@ -252,7 +272,7 @@ def _doubts(metadata: RecordingMetadata, fits: Float[np.ndarray, "n 4"], camera:
     K = metadata.intrinsics
     written, where = None, ""
     if metadata.mounts is not None:
-        where = iplanner_layout.EXTRINSICS if metadata.layout == "iplanner" else yaml_layout.FILE_NAME
+        where = {"iplanner": iplanner_layout.EXTRINSICS, "bag": "tf"}.get(metadata.layout, yaml_layout.FILE_NAME)
         written = metadata.mounts[:, :3]
     elif metadata.tilts is not None:
         written, where = np.insert(metadata.tilts, 0, np.nan, axis=1), tum_layout.GROUND_TRUTH

@@ -20,12 +20,29 @@ class FileProblem:
 
 
 @dataclass(frozen=True)
+class RecordedTopic:
+    """One topic of a bag.
+
+    Attributes:
+        name: of the topic.
+        type: of its messages.
+        messages: their number.
+        use: what it is read for and why it was chosen, or why it is not read.
+    """
+
+    name: str
+    type: str
+    messages: int
+    use: str = ""
+
+
+@dataclass(frozen=True)
 class RecordingReport:
     """Findings about one recording.
 
     Attributes:
-        folder: that was read.
-        layout: "yaml", "tum" or "iplanner"; "unknown" if none was recognised.
+        folder: or bag that was read.
+        layout: "yaml", "tum", "iplanner" or "bag"; "unknown" if none was recognised.
         found: number of depth images listed or present.
         usable: files of the frames that can be used, in order.
         problems: what is wrong, file by file; the frames concerned are left out.
@@ -34,6 +51,7 @@ class RecordingReport:
         intrinsics: of the recorded images, if known.
         depth_scale: [m] per unit of the images, if known.
         mount: median [height m, pitch rad, roll rad, forward m, left m], if frames are usable.
+        topics: of a bag, with what each is read for.
     """
 
     folder: Path
@@ -46,6 +64,7 @@ class RecordingReport:
     intrinsics: Intrinsics | None = None
     depth_scale: float | None = None
     mount: tuple[float, ...] | None = None
+    topics: tuple[RecordedTopic, ...] = ()
 
     @property
     def is_usable(self) -> bool:

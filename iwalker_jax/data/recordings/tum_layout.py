@@ -18,6 +18,7 @@ from iwalker_jax.data.recordings.metadata import (
     RecordingMetadata,
     camera_heading,
     camera_tilt,
+    nearest_in_time,
     rotation_from_quaternion,
 )
 from iwalker_jax.data.recordings.report import FileProblem
@@ -33,9 +34,6 @@ DEPTH_SCALE = 1.0 / 5000.0
 
 DEFAULT_INTRINSICS = (640, 480, 525.0, 525.0, 319.5, 239.5)
 """The values that the benchmark recommends when a sequence has no calibration of its own."""
-
-MAX_TIME_GAP = 0.05
-"""[s] between a depth image and the nearest recorded pose."""
 
 
 def read_tum_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None) -> RecordingMetadata:
@@ -111,13 +109,8 @@ def _poses(folder: Path, stamps: Float[np.ndarray, " n"]) -> tuple[Float[np.ndar
     table = table[np.isfinite(table[:, 0])]
     table = table[np.argsort(table[:, 0], kind="stable")]
     poses, tilts = np.full((len(stamps), 3), np.nan), np.full((len(stamps), 2), np.nan)
-    if len(table) == 0:
-        return poses, tilts
-    after = np.clip(np.searchsorted(table[:, 0], stamps), 0, len(table) - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.where(np.abs(table[before, 0] - stamps) <= np.abs(table[after, 0] - stamps), before, after)
-    for row, index in enumerate(nearest):
-        if abs(table[index, 0] - stamps[row]) <= MAX_TIME_GAP:
+    for row, index in enumerate(nearest_in_time(table[:, 0], stamps)):
+        if index >= 0:
             R_world_camera = rotation_from_quaternion(table[index, 4:])
             poses[row] = [table[index, 1], table[index, 2], camera_heading(R_world_camera)]
             tilts[row] = camera_tilt(R_world_camera)
