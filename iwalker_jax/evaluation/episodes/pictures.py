@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import ArrayLike
@@ -20,6 +21,13 @@ from iwalker_jax.scenes import Scene
 from iwalker_jax.tasks import Task
 
 _MARGIN = 0.15
+_HANDLES = (
+    Line2D([], [], color="tab:cyan", lw=1.3, label="last planned path"),
+    Line2D([], [], color="magenta", marker="*", ls="", ms=9, label="goals"),
+    Line2D([], [], color="black", marker="^", ls="", ms=6, label="start"),
+)
+"""What every picture of an episode shows."""
+
 _STANDING = 0.004
 """[m] that a standing foot may move between two frames."""
 
@@ -44,6 +52,12 @@ def save_episode(task: Task, episode: EpisodeRecord, file: Path) -> None:
     axis.set_xlabel("x [m]", fontsize=8)
     axis.set_ylabel("y [m]", fontsize=8)
     axis.tick_params(labelsize=7)
+    feet = [
+        Line2D([], [], color=FOOT_COLOURS[foot], marker=".", ls="", ms=4, label=f"{foot} foot") for foot in FOOT_COLOURS
+    ]
+    outcome = Outcome(int(episode.outcome[-1]))
+    ended = [] if outcome is Outcome.REACHED else [Line2D([], [], color=outcome.colour, marker="X", ls="", label="end")]
+    _add_legend(figure, [*_HANDLES, *feet, *ended])
     save_figure(figure, file)
 
 
@@ -82,12 +96,7 @@ def save_episode_grid(
         axis.set_yticks([])
     seen = [kind for kind in Outcome if any(int(e.outcome[-1]) == kind for e in episodes)]
     handles = [Line2D([], [], color=kind.colour, lw=2.5, label=kind.word) for kind in seen]
-    handles += [
-        Line2D([], [], color="tab:cyan", lw=1.3, label="last planned path"),
-        Line2D([], [], color="magenta", marker="*", ls="", ms=9, label="goals"),
-        Line2D([], [], color="black", marker="^", ls="", ms=6, label="start"),
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=8, frameon=False)
+    _add_legend(figure, [*handles, *_HANDLES])
     if title:
         figure.suptitle(title, fontsize=11)
     save_figure(figure, file)
@@ -163,6 +172,11 @@ def in_true_world(points: ArrayLike, episode: EpisodeRecord, frame: int) -> Floa
     """
     own = host.to_base(np.asarray(episode.believed[frame]), np.asarray(points))
     return host.to_world(np.asarray(episode.base[max(frame - 1, 0)]), own)
+
+
+def _add_legend(figure: Figure, handles: Sequence[Line2D]) -> None:
+    """A legend below all axes."""
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6), fontsize=8, frameon=False)
 
 
 def _caption(episode: EpisodeRecord) -> str:
