@@ -23,6 +23,7 @@ WALLS = np.array(
 )
 PILLAR = np.array([[1.8, 0.1, 0.6, 0.2, 0.6]])
 BARRIER = np.array([[2.6, 0.0, 0.6, 0.1, 2.1, 0.6, 0.0]])
+BACK = np.array([[-0.8, 0.0, 0.6, 0.1, 2.0, 0.6, 0.0]])  # else there would be a way out, and around all walls
 BOUNDS = (-1.0, -2.5, 5.0, 2.5)
 GOAL = np.array([[3.4, 0.0]])
 
@@ -41,7 +42,7 @@ EPISODES = {
         task("moved", cylinders=np.zeros((0, 5))),
         make_faults(box=(1.9, 0.0, 0.4, 0.15, 0.3, 0.4, 0.0), present=(3.0, 1e6)),
     ),
-    "unreachable": (task("unreachable", np.concatenate([WALLS, BARRIER]), np.zeros((0, 5))), make_faults()),
+    "unreachable": (task("unreachable", np.concatenate([WALLS, BARRIER, BACK]), np.zeros((0, 5))), make_faults()),
 }
 
 
