@@ -1,5 +1,6 @@
 """Several processes, on one machine or on many, that work as one: how they come together, share and part."""
 
+import itertools
 import os
 import sys
 from collections.abc import Mapping
@@ -19,6 +20,9 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.rendezvous import DistributedProcess, bind_address, rendezvous
 
 _LONGEST_WAIT = 7 * 24 * 3600  # [s] for processes that have more to do
+_ANOTHER_FAILED = "Another process has failed; see what it says, and start all of them again."
+
+_broadcasts = itertools.count()  # the same in every process: they broadcast the same things in the same order
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,14 @@ def is_first() -> bool:
 
 
 def broadcast(tree: Any) -> Any:
-    """Process 0's values of a tree of arrays whose shapes are the same in every process."""
+    """Process 0's values of a tree of arrays whose shapes are the same in every process.
+
+    Raises:
+        InputError: if another process has failed.
+    """
+    if jax.distributed.is_initialized():
+        # The first collective gives up where a partner is half a minute late; this waits as long as it takes.
+        _wait_for_all(f"iwalker_broadcast_{next(_broadcasts)}", _LONGEST_WAIT)
     return multihost_utils.broadcast_one_to_all(tree)
 
 
@@ -125,12 +136,19 @@ def barrier(seconds: int = _LONGEST_WAIT) -> None:
     """
     if not jax.distributed.is_initialized():
         return
+    _wait_for_all("iwalker_barrier", seconds)
     try:
-        # Not a collective: those would keep a core busy, and some give up after minutes.
-        ocp.multihost.get_barrier_sync_fn()(key="iwalker_barrier", timeout_ms=1000 * seconds)
         jax.distributed.shutdown()
     except jax.errors.JaxRuntimeError as error:
-        raise InputError("Another process has failed; see what it says, and start all of them again.") from error
+        raise InputError(_ANOTHER_FAILED) from error
+
+
+def _wait_for_all(key: str, seconds: int) -> None:
+    """Wait until every process has come to a place of its own name; not a collective, which would keep a core busy."""
+    try:
+        ocp.multihost.get_barrier_sync_fn()(key=key, timeout_ms=1000 * seconds)
+    except jax.errors.JaxRuntimeError as error:
+        raise InputError(_ANOTHER_FAILED) from error
 
 
 def exit_process(status: int) -> NoReturn:
