@@ -19,8 +19,6 @@ from iwalker_jax.navigation.sightings import Sighting
 from iwalker_jax.navigation.step_planning import Stance, centre_of, has_nothing_to_do, plan_steps, stop_steps
 from iwalker_jax.robot import RobotModel, rigid_body_terms
 
-_LEAST_OFFSET = 0.005  # [m] to more room, below which the spot stays: the band's steps end short of it
-
 
 class Goals(NamedTuple):
     """Where to go, one goal after the other.
@@ -202,7 +200,7 @@ def decide_steps(
     istepper, guidance = navigator.planner.merge().istepper, request.guidance
     centre = centre_of(stance, istepper.geometry.width)
     # Beside an obstacle the spot moves off it: turning there, the body would sway and drift into it.
-    cramped = jnp.sum(guidance.room_offset**2) > _LEAST_OFFSET**2
+    cramped = jnp.any(guidance.room_offset != 0)
     spot = jnp.where(cramped, centre + guidance.room_offset, jnp.where(stands, centre, memory.spot))
     follow, spot = plan_steps(navigator.pursuit, istepper, guidance.path, guidance.face_point, stance, spot)
     stop = stop_steps(istepper.geometry.count, istepper.geometry.width, stance)

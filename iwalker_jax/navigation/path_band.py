@@ -67,8 +67,11 @@ def safe_path(
         esdf: signed distance [m] to the obstacles; grid: where its cells lie, in the path's frame.
     """
 
+    def clearance(point: Float[Array, "2"]) -> Float[Array, ""]:
+        return sample_smooth(esdf, grid, point)
+
     def relax(_: Int[Array, ""], band: Float[Array, "k 2"]) -> Float[Array, "k 2"]:
-        distance, slope = jax.vmap(jax.value_and_grad(lambda point: sample_smooth(esdf, grid, point)))(band)
+        distance, slope = jax.vmap(jax.value_and_grad(clearance))(band)
         missing = jnp.maximum(parameters.desired_clearance - distance, 0.0)
         moved = band + parameters.repulsion * missing[:, None] * slope
         bend = moved[:-2] - 2 * moved[1:-1] + moved[2:]
@@ -76,7 +79,7 @@ def safe_path(
         return moved.at[0].set(band[0])
 
     band = jax.lax.fori_loop(0, parameters.iterations, relax, resample_by_arc_length(path, BAND_POINTS))
-    distance = jax.vmap(lambda point: sample_smooth(esdf, grid, point))(band)
+    distance = jax.vmap(clearance)(band)
     # A robot that stands closer than it should must be able to walk away, but not on through a gap that is too tight.
     escaping = distance[0] + parameters.escape_slope * arc_length(band) - parameters.slack
     blocked = distance < jnp.minimum(parameters.min_clearance, escaping)
