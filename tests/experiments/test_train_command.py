@@ -200,10 +200,15 @@ def test_a_run_with_only_damaged_checkpoints_is_one_sentence(finished_run, tmp_p
 
 
 def test_a_reader_who_has_gone_ends_a_command_without_a_word(tmp_path):
-    """`--help | head -1`. Oracle: the shell's status of a program that a closed pipe ended."""
+    """`--help | head -1`. Oracle: the shell's status of a program that a closed pipe ended.
+
+    The pipe is closed before the command begins: a reader that leaves after its first line can come too late.
+    """
+    reader, writer = os.pipe()
+    os.close(reader)
     command = [sys.executable, "-m", "experiments.train", "--help"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None and process.stderr is not None
-        assert process.stdout.readline()
-        process.stdout.close()
-        assert (process.stderr.read(), process.wait()) == ("", 128 + signal.SIGPIPE)
+    try:
+        done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(writer)
+    assert (done.stderr, done.returncode) == ("", 128 + signal.SIGPIPE)
