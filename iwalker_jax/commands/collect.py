@@ -3,14 +3,12 @@
 import dataclasses
 import json
 import shutil
-import sys
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import tyro
-
+from iwalker_jax.commands.shared.config_file import parse_options, write_options
 from iwalker_jax.commands.shared.console import (
     ends_in_a_sentence,
     progress_bar,
@@ -44,8 +42,10 @@ class Command:
     recorded is kept batch by batch: the same command goes on where it was stopped.
 
     Attributes:
+        config: file of options that the others override: the .json beside an earlier file of frames, or one like it.
         run: folder of a training run; the planner that ships with the package if left out.
-        out: file to write; until it is complete, finished batches are in a folder beside it that ends in .parts.
+        out: file to write, its options in a .json beside it; until it is complete, finished batches are in a folder
+            beside it that ends in .parts.
         tasks: number of episodes.
         seconds: longest episode.
         stride: camera frames from one that is kept to the next.
@@ -55,6 +55,7 @@ class Command:
         seed: of tasks, noise and goals.
     """
 
+    config: Path | None = None
     run: Path | None = None
     out: Path = Path("runs/episodes.npz")
     tasks: int = 60
@@ -69,8 +70,7 @@ class Command:
 @ends_in_a_sentence("the same command goes on with the batches that are not recorded yet")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
-    collect(command)
+    collect(parse_options(Command, arguments))
     return 0
 
 
@@ -115,6 +115,7 @@ def collect(command: Command) -> None:
             show(command.tasks)
         frames = concatenate([parts[first][0] for first in firsts])
         save_frames(frames, command.out)
+        write_options(command.out.with_suffix(".json"), command, ("config", "out"))
         shutil.rmtree(folder)
         ends = Counter(end for _, names in parts.values() for end in names)
         counts = ", ".join(f"{ends[end]} {end}" for end in sorted(ends))

@@ -1,6 +1,5 @@
 """Evaluate a planner on single frames and in episodes by sight: python -m experiments.evaluate [--run FOLDER]."""
 
-import sys
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,9 +7,11 @@ from typing import Annotated, Literal
 
 import tyro
 
+from iwalker_jax.commands.shared.config_file import parse_options, write_options
 from iwalker_jax.commands.shared.console import (
     ShowProgress,
     come_together,
+    config_file,
     console,
     ends_in_a_sentence,
     progress_bar,
@@ -53,6 +54,7 @@ class Command:
     Episodes are logged as they end: the same command goes on where it was stopped.
 
     Attributes:
+        config: file of options that the others override: the config.json of an earlier evaluation, or one like it.
         run: folder of a training run; the planner that ships with the package if left out.
         checkpoint: step of the run to load; the newest readable one if left out.
         out: folder for everything; <run>/evaluation, or runs/pretrained/evaluation, if left out.
@@ -76,6 +78,7 @@ class Command:
         group: several processes that run their shares of the batches and log them in one folder.
     """
 
+    config: Path | None = None
     run: Path | None = None
     checkpoint: int | None = None
     out: Path | None = None
@@ -98,7 +101,7 @@ class Command:
 @ends_in_a_sentence("the same command goes on with the episodes where they are")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
+    command = parse_options(Command, arguments)
     require_counts(command, unseen_scenes=0)
     come_together(command.group)
     chosen_devices(command.devices)
@@ -112,6 +115,7 @@ def main(arguments: list[str] | None = None) -> int:
     barrier()
     if not is_first():
         return 0
+    write_options(config_file(out), command, ("config", "out", "group"))
     page = write_report(out, Report(f"Evaluation of {name}", described(command, name), machine(), study, frames))
     say(f"Pictures and tables are in {out}; the report is {page}.")
     return 0

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from iwalker_jax.commands.shared.config_file import given_value, options_from, read_options
 from iwalker_jax.commands.shared.console import (
     STOPPED,
     come_together,
@@ -37,6 +38,9 @@ from iwalker_jax.training.maps import TrainingData, prepare
 from iwalker_jax.training.pretrained import save_planner
 from iwalker_jax.training.train_step import check_batch_split, planner_from
 
+_BESIDE = ("start_from", "devices", "unseen_scenes")
+"""Options of which a run's outcome depends beside the training configuration; its config.json holds both."""
+
 
 @dataclass(frozen=True)
 class Command:
@@ -44,6 +48,7 @@ class Command:
 
     Attributes:
         preset: which configuration the other options start from.
+        config: file of a configuration that the other options start from instead: a run's config.json, or one like it.
         data: your own depth recording, a folder or a bag, to train on instead of generated scenes.
         topic: of the depth images in a bag that has several.
         out: folder for checkpoints, metrics, tables and pictures; an existing run in it is resumed.
@@ -53,10 +58,11 @@ class Command:
         tensorboard: also write TensorBoard events.
         unseen_scenes: held-out scenes of the final evaluation; 0 leaves them out.
         group: several processes that train one planner together.
-        config: the training configuration.
+        training: the training configuration.
     """
 
     preset: Literal["default", "quick", "paper", "paper-small"] = "default"
+    config: Path | None = None
     data: Path | None = None
     topic: str | None = None
     out: Path = Path("runs/default")
@@ -66,25 +72,37 @@ class Command:
     tensorboard: bool = False
     unseen_scenes: int = 60
     group: Annotated[ProcessGroup, tyro.conf.arg(name="")] = ProcessGroup()
-    config: Annotated[TrainConfig, tyro.conf.arg(name="")] = TrainConfig()
+    training: Annotated[TrainConfig, tyro.conf.arg(name="")] = TrainConfig()
 
 
 def parse(arguments: list[str]) -> Command:
-    """The command of the given arguments; `--preset` decides what the other options start from."""
-    preset = "default"
-    for i, argument in enumerate(arguments):
-        if argument.startswith("--preset"):
-            preset = argument.partition("=")[2] or (arguments[i + 1] if i + 1 < len(arguments) else "")
-    if preset not in PRESETS:
-        raise InputError(f"Unknown preset {preset!r}; choose one of {', '.join(PRESETS)}.")
-    default = Command(preset=preset, out=Path("runs") / preset, config=PRESETS[preset]())  # type: ignore[arg-type]
+    """The command of the given arguments; `--preset` or `--config` decides what the other options start from."""
+    preset, file = given_value(arguments, "--preset"), given_value(arguments, "--config")
+    if preset is not None and file is not None:
+        raise InputError("--preset and --config both say what the other options start from; give one of them.")
+    default = of_preset(preset or "default") if file is None else of_file(Path(file))
     command = tyro.cli(Command, args=arguments, default=default, description=Command.__doc__)
     if command.data is not None or command.topic is not None:
-        own = command.config.source
+        own = command.training.source
         folder, topic = command.data or own.folder, command.topic or own.topic
         source = dataclasses.replace(own, folder=folder, topic=topic)
-        command = dataclasses.replace(command, config=dataclasses.replace(command.config, source=source))
+        command = dataclasses.replace(command, training=dataclasses.replace(command.training, source=source))
     return command
+
+
+def of_preset(name: str) -> Command:
+    """The command that a preset stands for."""
+    if name not in PRESETS:
+        raise InputError(f"Unknown preset {name!r}; choose one of {', '.join(PRESETS)}.")
+    return Command(preset=name, out=Path("runs") / name, training=PRESETS[name]())  # type: ignore[arg-type]
+
+
+def of_file(file: Path) -> Command:
+    """The command of a configuration file; it goes to another folder than the run that wrote the file."""
+    values = read_options(file)
+    values["out"] = str(Path("runs") / f"{file.absolute().parent.name or 'run'}-again")
+    command = options_from(Command, file, {name: values.pop(name) for name in ("out", *_BESIDE) if name in values})
+    return dataclasses.replace(command, training=options_from(TrainConfig, file, values))
 
 
 def prepare_data(config: TrainConfig) -> TrainingData:
@@ -107,14 +125,14 @@ def starting_planner(command: Command) -> Planner | None:
     if command.start_from is None:
         return None
     state, other = load_run(command.start_from, say=say)
-    if other.planner != command.config.planner:
+    if other.planner != command.training.planner:
         raise InputError(f"The networks of {command.start_from} have other sizes; use the options it was made with.")
     return planner_from(other, state.params)
 
 
 def run_training(command: Command) -> TrainResult:
     """Make the data and train, progress shown; what needs no data is refused before."""
-    config = command.config
+    config = command.training
     start, mesh = starting_planner(command), batch_mesh(command.devices)
     check_batch_split(config, mesh)
     data = prepare_data(config)
@@ -155,8 +173,9 @@ def help_training(command: Command) -> int:
 
 def save_and_evaluate(command: Command, result: TrainResult) -> Table:
     """Write the configuration and the planner, then the evaluation's table and pictures."""
-    config = command.config
-    write_json(config_file(command.out), config_to_dict(config))
+    config = command.training
+    beside = {name: value for name, value in config_to_dict(command).items() if name in _BESIDE}
+    write_json(config_file(command.out), config_to_dict(config) | beside)
     planner = planner_from(config, result.state.params)
     save_planner(command.out / "planner.npz", planner, config)
     camera = config.planner.ipath.camera

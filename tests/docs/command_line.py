@@ -15,6 +15,7 @@ import pytest
 import tyro
 
 from iwalker_jax import film, runtime
+from iwalker_jax.commands.shared import config_file
 from iwalker_jax.film import headless
 from iwalker_jax.runtime import settings
 
@@ -63,6 +64,8 @@ def _stopped_after_parsing(module: str, arguments: tuple[str, ...]) -> Iterator[
         patch.setattr(sys, "argv", [module, *arguments])
         patch.setattr(argparse.ArgumentParser, "parse_args", parse_and_stop(parse_args))
         patch.setattr(tyro, "cli", parse_and_stop(cli))
+        # A page's configuration file need not be there.
+        patch.setattr(config_file, "read_text", lambda file: "{}")
         # The faces first: they look their names up when asked, and would keep what stands in for them.
         for place in (runtime, settings):
             patch.setattr(place, "configure_runtime", lambda *devices: None)

@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
+from iwalker_jax.commands import train
 from iwalker_jax.training.checkpoints import CheckpointStore
-from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.config_dict import config_from_dict
 from iwalker_jax.training.run_log import read_metrics
 from tests.data.recording_folders import write_yaml_recording
 from tests.experiments.commands import SCENES, SMALL, fails_with_one_sentence, train_command
@@ -35,7 +34,7 @@ def final_state(folder):
 def test_a_run_leaves_everything_it_promises(finished_run, cache):
     folder, status, _ = finished_run
     assert status == 0
-    config = config_from_dict(TrainConfig, json.loads((folder / "config.json").read_text()))
+    config = train.parse(["--config", str(folder / "config.json")]).training
     assert (config.source.frames, config.epochs, config.batch_size) == (16, 2, 8)
     assert (config.planner.ipath.trunk_width, config.planner.ipath.hidden) == (4, 16)
     lines = read_metrics(folder / "metrics.jsonl")
@@ -67,6 +66,20 @@ def test_the_same_command_again_resumes_and_changes_nothing(finished_run, tmp_pa
     assert train_command(folder) == 0
     assert_trees_equal(final_state(folder), before)
     assert (folder / "metrics.jsonl").read_text() == metrics
+
+
+def test_the_file_of_a_run_repeats_it_bit_for_bit(finished_run, tmp_path):
+    """Oracle: the run itself, which was told every option; only its speed may differ."""
+    folder = tmp_path / "again"
+    arguments = ["--config", str(finished_run.folder / "config.json"), "--out", str(folder)]
+    assert train.main([*arguments, "--unseen-scenes", "0"]) == 0
+    assert_trees_equal(final_state(folder), final_state(finished_run.folder))
+    first, again = (read_metrics(path / "metrics.jsonl") for path in (finished_run.folder, folder))
+    for line in (*first, *again):
+        line.pop("frames_per_second")
+    assert again == first
+    before, after = (json.loads((path / "config.json").read_text()) for path in (finished_run.folder, folder))
+    assert before | {"unseen_scenes": 0} == after
 
 
 def test_another_configuration_in_the_same_folder_is_refused(finished_run, capsys):

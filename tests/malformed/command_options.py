@@ -35,6 +35,16 @@ def no_file(suffix: str) -> Values:
     return lambda rng, folder: odd_place(rng, folder, suffix)
 
 
+def no_options(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
+    """A place without a file of options, or one whose options are none of a command's or of another type."""
+    texts = ("", "[1]", "{", '{"colour": 1}', '{"seed": "x"}', '{"seed": true}', '{"seed": [[0]]}', '{"seed": null}')
+    kind = rng.integers(len(texts) + 1)
+    if kind == len(texts):
+        return odd_place(rng, folder, ".json")
+    (folder / "options.json").write_text(texts[kind])
+    return f"options {texts[kind]}", str(folder / "options.json")
+
+
 def no_run(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
     """A place that is no run, or one without a checkpoint."""
     kind = rng.integers(3)
@@ -48,6 +58,7 @@ def no_run(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
 COUNT, NONE_TOO, SEED, NAME = one_of(COUNTS, ("0",)), one_of(COUNTS), one_of(SEEDS), one_of(NAMES)
 LISTED = one_of(tuple(name for name in NAMES if name.strip() == name))  # a list may hold spaces
 TIME, SWITCH, FOLDER, RECORDING, RUN = one_of(SECONDS), one_of(SWITCHES), unwritable_folder, no_file(""), no_run
+CONFIG = no_options
 DEVICES = one_of(COUNTS, ("0", "4096"))
 GROUP: dict[str, Values] = {
     "--coordinator": one_of(("", "x", "host:", ":1", "host:0", "host:99999999", "a\0b:80")),
@@ -85,16 +96,18 @@ SETTINGS = {name: list(leaves(make())) for name, make in PRESETS.items()}
 CALLED: dict[str, Called] = {
     "train": Called(
         {
-            "--preset": NAME, "--data": RECORDING, "--out": FOLDER, "--start-from": RUN, "--devices": DEVICES,
-            "--unseen-scenes": NONE_TOO, "--source.episodes": no_file(".npz"), "--batch-size": COUNT, "--seed": SEED,
-            "--source.seed": SEED, "--source.frames": COUNT, "--epochs": COUNT, "--gradient": NAME, **GROUP,
+            "--preset": NAME, "--config": CONFIG, "--data": RECORDING, "--out": FOLDER, "--start-from": RUN,
+            "--devices": DEVICES, "--unseen-scenes": NONE_TOO, "--source.episodes": no_file(".npz"),
+            "--batch-size": COUNT, "--seed": SEED, "--source.seed": SEED, "--source.frames": COUNT,
+            "--epochs": COUNT, "--gradient": NAME, **GROUP,
         },
         "--source.frames 3000",
         ("--batch-size 4000 --devices 3", "--planner.ipath.camera.width 40 --planner.ipath.camera.cx 3e9"),
     ),
     "collect": Called(
         {
-            "--run": RUN, "--out": lambda rng, folder: below(unwritable_folder(rng, folder), "e.npz"), "--tasks": COUNT,
+            "--config": CONFIG, "--run": RUN,
+            "--out": lambda rng, folder: below(unwritable_folder(rng, folder), "e.npz"), "--tasks": COUNT,
             "--seconds": TIME, "--stride": COUNT, "--policy": NAME, "--width": COUNT, "--devices": DEVICES,
             "--seed": SEED,
         },
@@ -104,10 +117,10 @@ CALLED: dict[str, Called] = {
     "compare": STUDY,
     "evaluate": Called(
         {
-            "--run": RUN, "--out": FOLDER, "--scenes": one_of(NAMES[1:]), "--unseen-scenes": NONE_TOO,
-            "--data": RECORDING, "--episodes": NAME, "--count": COUNT, "--seeds": COUNT, "--policies": LISTED,
-            "--depth": NAME, "--state": NAME, "--width": COUNT, "--devices": DEVICES, "--seed": SEED,
-            "--checkpoint": COUNT, **GROUP,
+            "--config": CONFIG, "--run": RUN, "--out": FOLDER, "--scenes": one_of(NAMES[1:]),
+            "--unseen-scenes": NONE_TOO, "--data": RECORDING, "--episodes": NAME,
+            "--count": COUNT, "--seeds": COUNT, "--policies": LISTED, "--depth": NAME, "--state": NAME,
+            "--width": COUNT, "--devices": DEVICES, "--seed": SEED, "--checkpoint": COUNT, **GROUP,
         },
         "",
         ("--checkpoint 3", "--policies networks@", "--policies networks@/absent", "--policies ,", "--episodes ,",
