@@ -36,6 +36,7 @@ from iwalker_jax.training.config_dict import config_to_dict
 from iwalker_jax.training.loop import TrainingProgress, TrainResult, batch_mesh, run_lock, train
 from iwalker_jax.training.maps import TrainingData, prepare
 from iwalker_jax.training.pretrained import save_planner
+from iwalker_jax.training.run_log import LoggerName, require_loggers
 from iwalker_jax.training.train_step import check_batch_split, planner_from
 
 _BESIDE = ("start_from", "devices", "unseen_scenes")
@@ -55,7 +56,8 @@ class Command:
         fresh: start anew even if the folder holds a run, whose checkpoints are removed.
         start_from: folder of another run whose trained networks this one starts from (fine-tuning).
         devices: number of devices of each process to spread a batch over; on a CPU that many are made of its cores.
-        tensorboard: also write TensorBoard events.
+        log: loggers that hear of the metrics beside metrics.jsonl: tensorboard, wandb (Weights & Biases, offline unless
+            WANDB_MODE=online).
         unseen_scenes: held-out scenes of the final evaluation; 0 leaves them out.
         group: several processes that train one planner together.
         training: the training configuration.
@@ -69,7 +71,7 @@ class Command:
     fresh: bool = False
     start_from: Path | None = None
     devices: int = 1
-    tensorboard: bool = False
+    log: tuple[LoggerName, ...] = ()
     unseen_scenes: int = 60
     group: Annotated[ProcessGroup, tyro.conf.arg(name="")] = ProcessGroup()
     training: Annotated[TrainConfig, tyro.conf.arg(name="")] = TrainConfig()
@@ -133,6 +135,7 @@ def starting_planner(command: Command) -> Planner | None:
 def run_training(command: Command) -> TrainResult:
     """Make the data and train, progress shown; what needs no data is refused before."""
     config = command.training
+    require_loggers(command.log)
     start, mesh = starting_planner(command), batch_mesh(command.devices)
     check_batch_split(config, mesh)
     data = prepare_data(config)
@@ -154,7 +157,7 @@ def run_training(command: Command) -> TrainResult:
             resume=not command.fresh,
             start_from=start,
             mesh=mesh,
-            tensorboard=command.tensorboard,
+            loggers=command.log,
             on_progress=report,
             say=say,
         )
@@ -163,7 +166,7 @@ def run_training(command: Command) -> TrainResult:
 def help_training(command: Command) -> int:
     """What processes other than 0 do: the same steps, of which they keep nothing; returns the exit status."""
     with tempfile.TemporaryDirectory() as scratch:
-        command = dataclasses.replace(command, out=Path(scratch), tensorboard=False)
+        command = dataclasses.replace(command, out=Path(scratch), log=())
         result = run_training(command)
     if result.interrupted:
         return STOPPED

@@ -1,7 +1,7 @@
 """The training loop: resumes, reports progress, checkpoints, and survives Ctrl-C, full disks and broken batches."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from iwalker_jax.training.checkpoints import CheckpointStore
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.maps import TrainingData, data_content
 from iwalker_jax.training.resume import starting_state
-from iwalker_jax.training.run_log import MetricsLog, save_broken_batch
+from iwalker_jax.training.run_log import LoggerName, RunLog, save_broken_batch
 from iwalker_jax.training.train_step import (
     StepReport,
     TrainState,
@@ -69,7 +69,7 @@ def train(
     resume: bool = True,
     start_from: Planner | None = None,
     mesh: Mesh | None = None,
-    tensorboard: bool = False,
+    loggers: Sequence[LoggerName] = (),
     stop_after: int | None = None,
     on_progress: Callable[[TrainingProgress], None] = lambda progress: None,
     say: Callable[[str], None] = print,
@@ -86,7 +86,7 @@ def train(
         resume: continue from the newest readable checkpoint in the folder, if there is one; otherwise remove them.
         start_from: planner to start from instead of a fresh initialisation (fine-tuning).
         mesh: devices for data parallelism, see `batch_mesh`.
-        tensorboard: also write TensorBoard events.
+        loggers: that hear of the metrics beside the run's own file.
         stop_after: stop after this many steps of the schedule, as if interrupted.
         on_progress: hears of every step.
         say: hears the sentences a user must read.
@@ -114,7 +114,7 @@ def train(
         data = device_put(data, mesh)
         checkpoints = _Checkpoints(store, config, content, frames, say, first if first in store.steps() else -1)
         broken = _BrokenSteps(folder, say)
-        log = MetricsLog(folder, first, tensorboard, say)
+        log = RunLog(folder, config, first, loggers, say)
         step_function = make_train_step(config, optimiser, mesh)
         last = min(total, total if stop_after is None else stop_after)
         interrupted = False

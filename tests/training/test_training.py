@@ -17,7 +17,7 @@ from iwalker_jax.training.checkpoints import Checkpoint
 from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.loop import batch_mesh, train
 from iwalker_jax.training.resume import differences
-from iwalker_jax.training.run_log import MetricsLog, read_metrics
+from iwalker_jax.training.run_log import MetricsFile, read_metrics
 from iwalker_jax.training.train_step import initial_state, make_optimiser, make_train_step
 from tests.training.conftest import assert_trees_equal
 
@@ -178,11 +178,11 @@ def test_without_known_content_the_source_must_be_the_same(small_config, config_
 
 def test_metrics_survive_a_half_written_line(tmp_path):
     file = tmp_path / "metrics.jsonl"
-    log = MetricsLog(tmp_path)
+    log = MetricsFile(tmp_path)
     log.write(0, {"total": 1.0})
     log.close()
     file.write_text(file.read_text() + '{"step": 1, "tot')
-    log = MetricsLog(tmp_path, first_step=1)
+    log = MetricsFile(tmp_path, first_step=1)
     log.write(1, {"total": 0.5})
     log.close()
     assert [line["step"] for line in read_metrics(file)] == [0, 1]

@@ -1,42 +1,37 @@
-"""The run's written record: metrics as JSON lines, optionally TensorBoard, and batches that broke a step."""
+"""What a run itself writes: metrics as JSON lines, and batches that broke a step."""
 
 import errno
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from iwalker_jax.errors import InputError
 from iwalker_jax.runtime.files import line_checksum, write_npz, write_text
 
 _CHECKSUM = "checksum"
 
 
-class MetricsLog:
-    """Appends one JSON object a line to `metrics.jsonl`, and to TensorBoard if asked.
+class MetricsFile:
+    """Appends one JSON object a line to `metrics.jsonl`.
 
     Every line ends in a checksum. Opening the file for a run that resumes at `first_step` drops damaged lines and
     those from that step on, which the run writes again.
     """
 
-    def __init__(
-        self, folder: Path, first_step: int = 0, tensorboard: bool = False, say: Callable[[str], None] = print
-    ) -> None:
+    def __init__(self, folder: Path, first_step: int = 0, say: Callable[[str], None] = print) -> None:
         self.file = Path(folder) / "metrics.jsonl"
         self._say, self._failed = say, False
         kept = [line for line in read_metrics(self.file) if line["step"] < first_step]
         write_text(self.file, "".join(_line(line) for line in kept))
         self._stream = self.file.open("ab", buffering=0)
-        self._board = _tensorboard(folder) if tensorboard else None
 
-    def write(self, step: int, values: dict[str, Any]) -> None:
-        """Record the values of a step (numbers become floats); a full disk costs the line, and is said once."""
-        numbers = {name: float(value) for name, value in values.items()}
+    def write(self, step: int, values: Mapping[str, float]) -> None:
+        """Record the values of a step; a full disk costs the line, and is said once."""
         end = self._stream.seek(0, os.SEEK_END)
-        line = _line({"step": step, **numbers}).encode()
+        line = _line({"step": step, **values}).encode()
         try:
             if self._stream.write(line) < len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -45,15 +40,10 @@ class MetricsLog:
             if not self._failed:
                 self._say(f"{self.file} cannot be written ({error.strerror}): the metrics of some steps are lost.")
             self._failed = True
-        if self._board is not None:
-            for name, value in numbers.items():
-                self._board.add_scalar(name, value, step)
 
     def close(self) -> None:
-        """Flush and close."""
+        """Close the file."""
         self._stream.close()
-        if self._board is not None:
-            self._board.close()
 
 
 def read_metrics(file: Path) -> list[dict[str, Any]]:
@@ -85,13 +75,3 @@ def save_broken_batch(folder: Path, step: int, index: np.ndarray, values: dict[s
     losses = json.dumps({name: float(value) for name, value in values.items()})
     write_npz(file, {"frame_index": index, "key": state.key, "step": step, "losses": np.array(losses)})
     return file
-
-
-def _tensorboard(folder: Path) -> Any:
-    try:
-        from tensorboardX import SummaryWriter
-    except ImportError as error:
-        raise InputError(
-            "TensorBoard output needs the package tensorboardx; run: pip install 'iwalker-jax[log]'."
-        ) from error
-    return SummaryWriter(str(Path(folder) / "tensorboard"))
