@@ -33,7 +33,7 @@ from tests.docs.pages import (
 )
 from tests.test_floors import FLOORS
 
-PROGRAMS = {"pip", "python", "ruff", "mypy", "pre-commit", "git", "jupyter", "mkdocs", ".ci/run"}
+PROGRAMS = {"pip", "python", "ruff", "mypy", "pre-commit", "git", "jupyter", "mkdocs", "docker", ".ci/run"}
 """What shell blocks may start."""
 
 LANGUAGES = {"python", "bash", "yaml", "text", "csv"}
