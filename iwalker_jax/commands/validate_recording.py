@@ -21,8 +21,8 @@ class Command:
     """Say what is usable in a recording of depth images, what is wrong, file by file, and what was assumed.
 
     Attributes:
-        folder: of the recording: recording.yaml, TUM RGB-D or iPlanner layout, or bare PNG images with --intrinsics; or
-            a bag of ROS 1 (.bag) or ROS 2.
+        folder: of the recording: recording.yaml, TUM RGB-D or iPlanner layout, or bare PNG or .npy images with
+            --intrinsics; or a bag of ROS 1 (.bag) or ROS 2.
         intrinsics: width height fx fy cx cy [px] of the stored images; wins over the folder's own.
         depth_scale: [m] per unit of the images; wins over the folder's own.
         topic: of the depth images in a bag that has several.

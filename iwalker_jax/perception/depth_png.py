@@ -108,7 +108,15 @@ def read_depth_png(path: Path, scale: float, size: tuple[int, int]) -> Float32[n
     Raises:
         InputError: saying what is wrong: missing, empty, truncated, damaged, wrong type or size, constant, all invalid.
     """
-    raw = read_png_units(path, size)
+    return depth_of_units(read_png_units(path, size), scale)
+
+
+def depth_of_units(raw: UInt16[np.ndarray, "height width"], scale: float) -> Float32[np.ndarray, "height width"]:
+    """Depth [m] of a stored image's units, of `scale` [m] each; 0 = no return.
+
+    Raises:
+        InputError: in words that follow the file's name: constant, all invalid.
+    """
     if not raw.any():
         raise InputError("has no return in any pixel.")
     if raw.min() == raw.max():

@@ -71,7 +71,7 @@ def test_one_bad_image_is_named_and_left_out(tmp_path, sentence):
         ({"pose": []}, "unknown keys pose"),
         ({"poses": "nowhere.txt"}, "nowhere.txt"),
         ({"poses": [[0.0, 0.0]]}, "rows of 3 numbers"),
-        ({"depth": "nowhere"}, "no PNG"),
+        ({"depth": "nowhere"}, "no depth images"),
     ],
 )
 def test_a_yaml_that_cannot_be_is_explained(tmp_path, content, sentence):

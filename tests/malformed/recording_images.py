@@ -1,5 +1,6 @@
 """Damaged images, files that are none, names in another order, and images that only look odd."""
 
+import io
 import os
 import socket
 import struct
@@ -67,6 +68,52 @@ def damaged_image(rng: np.random.Generator) -> Draft:
     ][rng.integers(30)]
     draft.files[image_name(k)] = bad
     draft.expected, draft.left = "left_out", (image_name(k),)
+    return draft
+
+
+def saved(array: np.ndarray, shape: tuple[int, ...] | None = None) -> bytes:
+    """A .npy file, or one that claims another shape."""
+    stream = io.BytesIO()
+    np.save(stream, array, allow_pickle=True)
+    content = stream.getvalue()
+    return content if shape is None else content.replace(str(array.shape).encode(), str(shape).encode())
+
+
+def damaged_array(rng: np.random.Generator) -> Draft:
+    """Frames in metres as .npy files, one of them damaged or of another kind."""
+    draft = yaml_draft(rng)
+    assert draft.content is not None
+    del draft.content["depth_scale"]
+    metres = [(floor / 1000.0).astype(rng.choice(["<f4", "<f8", ">f4"])) for floor in FLOORS]
+    names = [image_name(k).replace(".png", ".npy") for k in range(FRAMES)]
+    draft.files = dict(zip(names, map(saved, metres)))
+    k = int(rng.integers(FRAMES))
+    good, depth = draft.files[names[k]], metres[k]
+    bad = [
+        good[: int(rng.integers(len(good)))],
+        good + b"\0",
+        good[int(rng.integers(1, len(good))) :],
+        b"",
+        rng.bytes(500),
+        b"\x93NUMPY" + rng.bytes(300),
+        GOOD_IMAGES[k],
+        saved(np.array([{"a": 1}, None], object)),
+        saved(FLOORS[k]),
+        saved(depth > 1.0),
+        saved(depth.astype(complex)),
+        saved(1000.0 * depth),
+        saved(np.full_like(depth, np.nan)),
+        saved(np.zeros_like(depth)),
+        saved(depth[:-1]),
+        saved(depth[None]),
+        saved(depth.T),
+        saved(depth, (2**40, 2**40)),
+        saved(depth, (-HEIGHT, -WIDTH)),
+        saved(np.array(["a", "b"])),
+        saved(depth.astype(np.float32).view([("z", "<f4")])),
+    ]
+    draft.files[names[k]] = bad[rng.integers(len(bad))]
+    draft.expected, draft.left = "left_out", (names[k],)
     return draft
 
 

@@ -32,6 +32,7 @@ MAKERS: dict[str, Callable[[np.random.Generator], Draft]] = {
         recording_numbers.turned_images,
         recording_numbers.wrong_intrinsics,
         recording_images.damaged_image,
+        recording_images.damaged_array,
         recording_images.image_that_is_no_file,
         recording_images.images_with_company,
         recording_images.names_without_zeros,
@@ -78,7 +79,9 @@ def _verdict(draft: Draft, report: RecordingReport, place: Path) -> str | None:
         return None if len(report.usable) == images and not report.problems else "not as usable as it is"
     if draft.expected == "left_out":
         known = {*draft.files, *draft.special}
-        wanted = {name for name in known if name.lower().endswith(".png") and "/." not in name} - set(draft.left)
+        wanted = {name for name in known if name.lower().endswith((".png", ".npy")) and "/." not in name} - set(
+            draft.left
+        )
         named = {problem.file for problem in report.problems}
         right = set(report.usable) == wanted and named >= set(draft.left) and bool(report.problems)
         return None if right else f"uses {report.usable}, not {sorted(wanted)}"

@@ -21,8 +21,8 @@ _NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf(?:inity
 _LONGEST_NUMBER = 64  # characters
 
 
-def depth_images(folder: Path) -> tuple[list[Path], list[str]]:
-    """(PNG files in natural order, what was assumed about their names).
+def depth_images(folder: Path, suffix: str = ".png") -> tuple[list[Path], list[str]]:
+    """(PNG files, or those of another ending, in natural order; what was assumed about their names).
 
     Numbers within names count as numbers: depth_2 comes before depth_10. Hidden files, such as the ._name.png that
     some systems leave beside each file, are no images.
@@ -32,7 +32,7 @@ def depth_images(folder: Path) -> tuple[list[Path], list[str]]:
     """
     try:
         with os.scandir(folder) as entries:
-            names = [e.name for e in entries if e.name.lower().endswith(".png") and not e.name.startswith(".")]
+            names = [e.name for e in entries if e.name.lower().endswith(suffix) and not e.name.startswith(".")]
     except FileNotFoundError:
         return [], []
     except (OSError, ValueError) as error:

@@ -12,15 +12,15 @@ from jaxtyping import Array, Bool, Float, Float32
 
 from iwalker_jax.data.recordings import iplanner_layout, tum_layout, yaml_layout
 from iwalker_jax.data.recordings.bag import is_bag, read_bag_layout
-from iwalker_jax.data.recordings.folder_files import depth_images, is_there
+from iwalker_jax.data.recordings.folder_files import is_there
 from iwalker_jax.data.recordings.free_ground import goal_places, reachable_ground
 from iwalker_jax.data.recordings.metadata import RecordingMetadata, check_intrinsics
 from iwalker_jax.data.recordings.mount_checks import Reading, check_mount, fit_mount, mounts_of, turned
 from iwalker_jax.data.recordings.pose_checks import MAX_STEP, check_end, check_goals, check_poses, doubts_about_walking
 from iwalker_jax.data.recordings.report import FileProblem, RecordingReport
+from iwalker_jax.data.recordings.stored_depth import read_stored_depth, read_units
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import Intrinsics, depth_from_uint16, resize_depth
-from iwalker_jax.perception.depth_png import read_depth_png, read_png_units
 from iwalker_jax.runtime import printable
 
 NO_FREE_GROUND = "shows no free ground ahead."
@@ -182,10 +182,10 @@ def _recognise(folder: Path) -> str:
         return "iplanner"
     if is_there(folder / tum_layout.LISTING) or is_there(folder / tum_layout.GROUND_TRUTH):
         return "tum"
-    if depth_images(folder)[0] or ((folder / "depth").is_dir() and depth_images(folder / "depth")[0]):
+    if any(yaml_layout.images_of(place)[0] for place in (folder, folder / "depth")):
         return "yaml"
     raise InputError(
-        "It is in none of the known layouts: recording.yaml with PNG images, TUM RGB-D (depth.txt), iPlanner "
+        "It is in none of the known layouts: recording.yaml with PNG or .npy images, TUM RGB-D (depth.txt), iPlanner "
         "(odom_ground_truth.txt), or a bag (metadata.yaml)."
     )
 
@@ -202,7 +202,7 @@ def _checked(metadata: RecordingMetadata) -> RecordingMetadata:
     check_intrinsics(metadata.intrinsics)
     depth_from_uint16(np.zeros((1, 1), np.uint16), metadata.depth_scale)
     if not metadata.images:
-        raise InputError("It holds no PNG depth images.")
+        raise InputError("It holds no depth images (.png, or .npy in metres).")
     if metadata.poses is not None and not np.isfinite(metadata.poses).all(axis=1).any():
         metadata.problems.append(
             FileProblem("poses", "are not finite or not close in time for any image; they are left out.")
@@ -280,7 +280,7 @@ def _doubts(metadata: RecordingMetadata, fits: Float[np.ndarray, "n 4"], camera:
         written,
         where,
         fits,
-        lambda row: read_png_units(metadata.images[row], (K.width, K.height)),
+        lambda row: read_units(metadata.images[row], (K.width, K.height)),
         Reading(K, metadata.depth_scale, 2 if metadata.upside_down else 0),
         camera,
     )
@@ -317,7 +317,7 @@ def _check_row(metadata: RecordingMetadata, row: int) -> None:
 def _reprojected_frame(metadata: RecordingMetadata, path: Path, camera: Intrinsics) -> Float[Array, "height width"]:
     K = metadata.intrinsics
     depth, K = turned(
-        read_depth_png(path, metadata.depth_scale, (K.width, K.height)), K, 2 if metadata.upside_down else 0
+        read_stored_depth(path, metadata.depth_scale, (K.width, K.height)), K, 2 if metadata.upside_down else 0
     )
     return _resize(jnp.asarray(depth), K, camera)
 

@@ -1,4 +1,4 @@
-"""Layout `yaml`: a folder of 16-bit PNG depth images and one `recording.yaml` that says what the images do not."""
+"""Layout `yaml`: a folder of depth images, 16-bit PNG or .npy, and a `recording.yaml` that says what these do not."""
 
 import math
 from pathlib import Path
@@ -16,6 +16,7 @@ from iwalker_jax.data.recordings.folder_files import (
 )
 from iwalker_jax.data.recordings.metadata import RecordingMetadata, paired_rows
 from iwalker_jax.data.recordings.plain_yaml import MAX_BYTES, parse_plain_yaml
+from iwalker_jax.data.recordings.stored_depth import MILLIMETRE, NUMPY_SUFFIX
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import CameraMount, Intrinsics
 from iwalker_jax.runtime import printable
@@ -30,11 +31,11 @@ _MAX_OFFSET = 3.0  # [m] of the camera from the base's origin
 def read_yaml_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: float | None) -> RecordingMetadata:
     """Metadata of a folder with a `recording.yaml`, or of a bare folder of images whose intrinsics are given.
 
-    Keys of the file: `intrinsics` {width, height, fx, fy, cx, cy} [px]; `depth_scale` [m per unit, 0.001 if absent];
-    optional `mount` {height, forward, left [m], pitch_deg (down +), roll_deg (right side down +)}; optional `poses`,
-    rows [x m, y m, yaw rad] of the base in the world, inline or the name of a text file; optional `goals`, rows [x, y]
-    [m] in each frame's base frame, likewise; optional `depth`, the images' subfolder. Files and subfolder lie in the
-    folder.
+    Keys of the file: `intrinsics` {width, height, fx, fy, cx, cy} [px]; `depth_scale` [m per unit, 0.001 if absent]
+    of PNG images, while .npy files hold metres; optional `mount` {height, forward, left [m], pitch_deg (down +),
+    roll_deg (right side down +)}; optional `poses`, rows [x m, y m, yaw rad] of the base in the world, inline or the
+    name of a text file; optional `goals`, rows [x, y] [m] in each frame's base frame, likewise; optional `depth`, the
+    images' subfolder. Files and subfolder lie in the folder.
 
     Args:
         folder: of the recording.
@@ -49,7 +50,12 @@ def read_yaml_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: f
         intrinsics = _intrinsics(content)
     elif "intrinsics" in content:
         assumptions.append(f"The intrinsics given by the caller are used instead of those in {FILE_NAME}.")
-    if depth_scale is None:
+    images, about_images = images_of(_image_folder(folder, content))
+    assumptions += about_images
+    in_metres = bool(images) and images[0].suffix.lower() == NUMPY_SUFFIX
+    if in_metres:
+        depth_scale = _scale_of_metres(content, depth_scale)
+    elif depth_scale is None:
         if "depth_scale" in content:
             depth_scale = _number(content["depth_scale"], "depth_scale")
         else:
@@ -57,8 +63,6 @@ def read_yaml_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: f
             assumptions.append("No depth scale is given: one unit is taken as 1 mm.")
     elif "depth_scale" in content:
         assumptions.append(f"The depth scale given by the caller is used instead of the one in {FILE_NAME}.")
-    images, about_names = depth_images(_image_folder(folder, content))
-    assumptions += about_names
     metadata = RecordingMetadata("yaml", folder, images, intrinsics, depth_scale, assumptions=assumptions)
     mount = _mount(content["mount"]) if "mount" in content else None
     tables = {
@@ -71,6 +75,30 @@ def read_yaml_layout(folder: Path, intrinsics: Intrinsics | None, depth_scale: f
     if mount is not None:
         metadata.mounts = np.tile(mount, (len(metadata.images), 1))
     return metadata
+
+
+def images_of(folder: Path) -> tuple[list[Path], list[str]]:
+    """(images of a folder in order, what was assumed): PNG files, or .npy files if there are none.
+
+    Raises:
+        InputError: as `depth_images`.
+    """
+    images, about_names = depth_images(folder)
+    if images:
+        return images, about_names
+    images, about_names = depth_images(folder, NUMPY_SUFFIX)
+    metres = ["Depth in .npy files is in metres, and kept to the millimetre."] if images else []
+    return images, [*about_names, *metres]
+
+
+def _scale_of_metres(content: dict[str, Any], given: float | None) -> float:
+    """[m] per unit of images that are stored in metres, which no other scale may contradict."""
+    stated = content.get("depth_scale", 1.0) if given is None else given
+    if stated != 1.0:
+        raise InputError(
+            f"Depth in .npy files is in metres, but depth_scale is {printable(stated)}; save metres and leave it out."
+        )
+    return MILLIMETRE
 
 
 def _read_yaml(folder: Path) -> dict[str, Any]:

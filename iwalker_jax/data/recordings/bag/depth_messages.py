@@ -10,16 +10,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt16
+from jaxtyping import UInt16
 
+from iwalker_jax.data.recordings.stored_depth import millimetres
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.depth_png import MAX_PIXELS, png_size, read_png_units
 from iwalker_jax.runtime import printable
 
 IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-
-MILLIMETRE = 0.001
-"""[m] per unit of 16UC1, and of the images into which 32FC1 is written."""
 
 _ENCODINGS = ("16UC1", "32FC1")
 _HEADER = struct.Struct("<iff")  # format, and the two parameters of inverse depth
@@ -83,13 +81,6 @@ def write_units(message: Any, encoding: str, metres: float, size: tuple[int, int
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = np.where(units > 0, quantum_a / (units - quantum_b), np.nan)
         write_png(file, millimetres(depth * metres))
-
-
-def millimetres(depth: Float[np.ndarray, "height width"]) -> UInt16[np.ndarray, "height width"]:
-    """Depth [m] as millimetres; what is not finite, negative or beyond 65.5 m is no return, 0."""
-    units = np.round(depth.astype(np.float64) / MILLIMETRE)
-    fits = np.isfinite(units) & (units > 0) & (units <= np.iinfo(np.uint16).max)
-    return np.where(fits, units, 0.0).astype(np.uint16)
 
 
 def write_png(file: Path, units: UInt16[np.ndarray, "height width"]) -> None:

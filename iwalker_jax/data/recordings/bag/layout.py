@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from iwalker_jax.data.recordings.bag.calibration import Calibration, calibration_of
-from iwalker_jax.data.recordings.bag.depth_messages import MILLIMETRE, write_png, write_units
+from iwalker_jax.data.recordings.bag.depth_messages import write_png, write_units
 from iwalker_jax.data.recordings.bag.stream import Bag, open_bag
 from iwalker_jax.data.recordings.bag.topics import ChosenTopics, DepthTopic, choose_topics, expected_calibration
 from iwalker_jax.data.recordings.bag.transforms import (
@@ -24,6 +24,7 @@ from iwalker_jax.data.recordings.metadata import (
     turn_if_upside_down,
 )
 from iwalker_jax.data.recordings.report import FileProblem
+from iwalker_jax.data.recordings.stored_depth import MILLIMETRE
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.perception.depth_png import read_png_units
