@@ -11,7 +11,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from iwalker_jax.commands.shared.console import console, ends_in_a_sentence, require_counts, require_devices
-from iwalker_jax.data import RecordingReport, validate_recording
+from iwalker_jax.data import RecordingReport, load_recording, validate_recording
+from iwalker_jax.evaluation.rerun_files import require_rerun, write_recording
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime import printable
 
@@ -27,6 +28,7 @@ class Command:
         depth_scale: [m] per unit of the images; wins over the folder's own.
         topic: of the depth images in a bag that has several.
         max_problems: problems to print.
+        rerun: file (.rrd) to write for the viewer rerun: the usable frames as images and points.
     """
 
     folder: Annotated[Path, tyro.conf.Positional]
@@ -34,6 +36,7 @@ class Command:
     depth_scale: float | None = None
     topic: str | None = None
     max_problems: int = 40
+    rerun: Path | None = None
 
 
 @ends_in_a_sentence()
@@ -42,9 +45,15 @@ def main(arguments: list[str] | None = None) -> int:
     command = tyro.cli(Command, args=arguments if arguments is not None else sys.argv[1:])
     require_counts(command, max_problems=0)
     require_devices()
+    if command.rerun is not None:
+        require_rerun(command.rerun)
     intrinsics = None if command.intrinsics is None else Intrinsics(*command.intrinsics)
     report = validate_recording(command.folder, intrinsics, command.depth_scale, command.topic)
     print_report(report, command.max_problems)
+    if command.rerun is not None and report.is_usable:
+        write_recording(
+            command.rerun, load_recording(command.folder, intrinsics, command.depth_scale, topic=command.topic)
+        )
     return 0 if report.is_usable else 1
 
 

@@ -28,6 +28,7 @@ from iwalker_jax.commands.shared.walk_options import (
 from iwalker_jax.commands.shared.walk_output import film, print_figures, push_forces, save_figures, save_pictures
 from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import InputError
+from iwalker_jax.evaluation.rerun_files import require_rerun, write_walk
 from iwalker_jax.film import has_screen
 from iwalker_jax.runtime.files import require_writable
 from iwalker_jax.walking import (
@@ -130,6 +131,8 @@ def finish(
     video = shared.out / "walk.mp4" if shared.video else None
     pushes = push_forces(conditions, 0, records[0].time)
     film(video, options.view, model, records[0], np.asarray(result.sample.qpos[0]), pushes, metrics[0].fallen)
+    if shared.rerun is not None:
+        write_walk(shared.rerun, records[0], model, np.asarray(result.sample.qpos[0]))
     say(f"Figures, pictures and records are in {shared.out}.")
 
 
@@ -140,6 +143,8 @@ def main(arguments: list[str] | None = None) -> int:
     refuse_others(command.episode, command.walk)
     require_devices()
     require_writable(command.shared.out)
+    if command.shared.rerun is not None:
+        require_rerun(command.shared.rerun)
     if command.episode.scene is not None:
         run_scene_episode(command.episode, command.shared)
     else:

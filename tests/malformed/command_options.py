@@ -45,6 +45,12 @@ def no_options(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
     return f"options {texts[kind]}", str(folder / "options.json")
 
 
+def no_rerun_file(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
+    """A place where no file of rerun can be, or one of another ending."""
+    kind, place = unwritable_folder(rng, folder)
+    return (kind, f"{place}/file.rrd") if rng.random() < 0.7 else ("another ending", str(folder / "file.png"))
+
+
 def no_run(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
     """A place that is no run, or one without a checkpoint."""
     kind = rng.integers(3)
@@ -58,7 +64,7 @@ def no_run(rng: np.random.Generator, folder: Path) -> tuple[str, str]:
 COUNT, NONE_TOO, SEED, NAME = one_of(COUNTS, ("0",)), one_of(COUNTS), one_of(SEEDS), one_of(NAMES)
 LISTED = one_of(tuple(name for name in NAMES if name.strip() == name))  # a list may hold spaces
 TIME, SWITCH, FOLDER, RECORDING, RUN = one_of(SECONDS), one_of(SWITCHES), unwritable_folder, no_file(""), no_run
-CONFIG = no_options
+CONFIG, RRD = no_options, no_rerun_file
 DEVICES = one_of(COUNTS, ("0", "4096"))
 GROUP: dict[str, Values] = {
     "--coordinator": one_of(("", "x", "host:", ":1", "host:0", "host:99999999", "a\0b:80")),
@@ -131,7 +137,7 @@ CALLED: dict[str, Called] = {
          "--output": lambda rng, folder: below(unwritable_folder(rng, folder), "noise.png")},
     ),
     "validate_recording": Called(
-        {"--max-problems": NONE_TOO, "--depth-scale": TIME,
+        {"--rerun": RRD, "--max-problems": NONE_TOO, "--depth-scale": TIME,
          "--intrinsics": one_of(("1", "x", "nan", "1e400", "-1"))},
         "absent_recording",
         ("--intrinsics 0 0 1 1 1 1", "--intrinsics 9 9 nan 1 1 1", "--intrinsics 160 90 80 80 79 1e9"),
@@ -147,7 +153,7 @@ CALLED: dict[str, Called] = {
             "--motion": NAME, "--speed": one_of(impossible_values(1.0)), "--turn": one_of(impossible_values(1.0)),
             "--distance": TIME, "--seconds": TIME, "--width": TIME, "--footsteps": no_file(".csv"),
             "--path": no_file(".csv"), "--robots": COUNT, "--engine": NAME, "--devices": DEVICES, "--seed": SEED,
-            "--sensors": NAME, "--out": FOLDER, "--view": SWITCH, "--push-axis": NAME, **SHIFTS,
+            "--sensors": NAME, "--out": FOLDER, "--rerun": RRD, "--view": SWITCH, "--push-axis": NAME, **SHIFTS,
         },
         "",
         ("--footsteps a.csv --path b.csv", "--goals 1 1", "--policy classical", "--motion path", "--view",

@@ -25,6 +25,7 @@ from iwalker_jax.evaluation.episodes import (
     save_episode,
     write_film,
 )
+from iwalker_jax.evaluation.rerun_files import write_episode
 from iwalker_jax.navigation import BodyVolume, EpisodeProgram, EpisodeRecord, Outcome, make_navigator
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.runtime import write_json
@@ -140,6 +141,8 @@ def run_scene_episode(options: EpisodeOptions, shared: SharedOptions) -> None:
     save_episode(task, episode, shared.out / "trace.png")
     plain = {name: value if isinstance(value, str) else finite_or_none(float(value)) for name, value in figures.items()}
     write_json(shared.out / "figures.json", plain)
+    if shared.rerun is not None:
+        write_episode(shared.rerun, task, episode, navigator.intrinsics, load_mujoco())
     filmed = shared.video and _film(shared.out / "film.mp4", task, episode, navigator.intrinsics)
     say(f"Trace{', figures and film' if filmed else ' and figures'} are in {shared.out}.")
 

@@ -128,6 +128,8 @@ class SharedOptions:
             `nominal` in a scene, else `none`.
         out: folder for pictures, video and figures.
         video: film the first robot.
+        rerun: file (.rrd) to write for the viewer rerun: robot, footsteps, path, forces and torques of a walk; in a
+            scene also depth and map.
     """
 
     disturbances: Annotated[DisturbanceOptions, tyro.conf.arg(name="")] = DisturbanceOptions()
@@ -135,6 +137,7 @@ class SharedOptions:
     sensors: Sensors | None = None
     out: Path = Path("runs/walk")
     video: bool = True
+    rerun: Path | None = None
 
 
 def option_values(options: Any) -> dict[str, Any]:
