@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from iwalker_jax.commands import collect
+from iwalker_jax.commands.shared.config_file import parse_options
 from iwalker_jax.data.frame_set import FrameSet, load_frames
 from iwalker_jax.navigation.episodes import RunProgress
 from iwalker_jax.navigation.record import Outcome
@@ -65,6 +66,8 @@ def test_a_stopped_collection_goes_on_where_it_was(run_seeds, tmp_path, capsys):
     frames = load_frames(file)
     assert list(frames.depth[:, 0, 0]) == [0, 0, 2, 2, 4] and frames.scene_names == ("0", "2", "4")
     assert not (tmp_path / "episodes.parts").exists()
+    again = parse_options(collect.Command, ["--config", str(tmp_path / "episodes.json")])
+    assert (again.tasks, again.seed, again.out) == (5, 0, collect.Command.out)
 
 
 @pytest.mark.parametrize("what", ["frames", "ends", "no ends", "settings"])

@@ -11,6 +11,7 @@ import pytest
 from flax import nnx
 
 from iwalker_jax.commands import evaluate
+from iwalker_jax.commands.shared.config_file import parse_options
 from iwalker_jax.commands.shared.planners import fingerprint, planner_of
 from tests.data.recording_folders import write_yaml_recording
 from tests.evaluation.episode_records import StubProgram
@@ -45,6 +46,8 @@ def test_an_earlier_checkpoint_gives_another_table(finished_run, tmp_path, capsy
 def test_ones_own_recording_is_scored_without_ground_truth(finished_run, tmp_path):
     recording = write_yaml_recording(tmp_path / "walk", count=2)
     assert evaluate_command(finished_run.folder, "--data", str(recording), "--out", str(tmp_path / "out")) == 0
+    again = parse_options(evaluate.Command, ["--config", str(tmp_path / "out" / "config.json")])
+    assert (again.run, again.data, again.scenes) == (finished_run.folder, recording, SCENES)
     row = read_table(tmp_path / "out")["recording"]
     assert row["served %"] == "nan"
     assert float(row["feasibility"]) > 0
