@@ -21,7 +21,7 @@ class BodyParameters:
     radius: float = 0.18
     layout_margin: float = -0.03
     route_margin: float = 0.02
-    gap_margin: float = 0.01
+    gap_margin: float = 0.015
     step_over: float = 0.025
 
     def __post_init__(self) -> None:

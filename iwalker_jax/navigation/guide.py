@@ -126,7 +126,7 @@ class GuideMemory(NamedTuple):
 
     Attributes:
         cells: of the map near the robot; routes: of a wider, coarser one.
-        route: (ROUTE_POINTS, 2) [m] world, the last frame's whole route.
+        route: (ROUTE_POINTS, 2) [m] world, the last frame's whole route; without one, that of the frames before.
     """
 
     cells: MapMemory
@@ -196,7 +196,9 @@ def guide(
         detour = cut | (here - there < parameters.min_progress * jnp.minimum(here, parameters.lookahead))
         path = jnp.where(detour, route, path)
     path = jnp.where(route_exists, path, start)
-    return GuideMemory(cells, routes, whole + origin), Guidance(
+    # Without a route, `whole` begins beyond what is in the way: the next frame must not keep to that.
+    kept = jnp.where(route_exists, whole + origin, memory.route)
+    return GuideMemory(cells, routes, kept), Guidance(
         path=resample_by_arc_length(path + origin, BAND_POINTS),
         face_point=_on_route(whole, parameters.face_distance) + origin,
         detour=detour,

@@ -70,15 +70,20 @@ def safe_path(
     def clearance(point: Float[Array, "2"]) -> Float[Array, ""]:
         return sample_smooth(esdf, grid, point)
 
-    def relax(_: Int[Array, ""], band: Float[Array, "k 2"]) -> Float[Array, "k 2"]:
+    def relax(k: Int[Array, ""], band: Float[Array, "k 2"]) -> Float[Array, "k 2"]:
+        # Between two walls nearer than the desired clearance the slope turns over on the middle line: steps of one size
+        # would throw the band from side to side.
+        share = (1 - k / parameters.iterations).astype(band.dtype)
         distance, slope = jax.vmap(jax.value_and_grad(clearance))(band)
         missing = jnp.maximum(parameters.desired_clearance - distance, 0.0)
-        moved = band + parameters.repulsion * missing[:, None] * slope
+        moved = band + share * parameters.repulsion * missing[:, None] * slope
         bend = moved[:-2] - 2 * moved[1:-1] + moved[2:]
-        moved = moved.at[1:-1].add(parameters.contraction * bend)
+        moved = moved.at[1:-1].add(share * parameters.contraction * bend)
         return moved.at[0].set(band[0])
 
     band = jax.lax.fori_loop(0, parameters.iterations, relax, resample_by_arc_length(path, BAND_POINTS))
+    # Obstacles push its points out of narrow places, where they must not be missing.
+    band = resample_by_arc_length(band, BAND_POINTS)
     distance = jax.vmap(clearance)(band)
     # A robot that stands closer than it should must be able to walk away, but not on through a gap that is too tight.
     escaping = distance[0] + parameters.escape_slope * arc_length(band) - parameters.slack

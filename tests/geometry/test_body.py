@@ -17,7 +17,7 @@ def test_every_part_reckons_with_the_bodys_radius_and_its_margin():
     assert BODY.layout_radius == 0.15
     assert RouteParameters().inflated_radius == CameraPathSampling().min_clearance == BODY.route_radius == 0.2
     assert GuidanceParameters().traversal.body_radius == 0.2
-    assert GuidanceParameters().required_clearance == BODY.gap_radius == 0.19
+    assert GuidanceParameters().required_clearance == BODY.gap_radius == 0.195
     assert BandParameters().min_clearance == BODY.radius
 
 

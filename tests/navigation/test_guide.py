@@ -1,20 +1,24 @@
 """Routes on the remembered map. Oracle: the width of a gap and that of the body with its sway."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from iwalker_jax.navigation.guide import GuidanceParameters, route_costs
+from iwalker_jax.navigation.guide import GuidanceParameters, Observation, guide, route_costs, start_guide
 from iwalker_jax.navigation.memory import (
     RouteMemoryParameters,
     empty_memory,
     empty_route_memory,
     route_grid,
     update_route_memory,
+    window_origin,
 )
-from iwalker_jax.perception import ROUTE_POINTS, best_routes
+from iwalker_jax.perception import ROUTE_POINTS, CameraMount, Intrinsics, best_routes
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
+from iwalker_jax.training.pretrained import load_planner
 
 # The coarse map is no wider than the window, so that a wall across the window has no ends.
 PARAMETERS = GuidanceParameters(routes=RouteMemoryParameters(cells=80, rim=0.0))
@@ -59,7 +63,7 @@ def test_routes_lead_through_gaps_that_the_body_fits_and_no_others(width):
 
 
 def test_a_gap_that_the_robot_has_walked_up_to_need_only_fit_the_body():
-    """Oracle: the room in the gap, 18.25 cm by construction, between the body's 18 cm and the 19 cm of others."""
+    """Oracle: the room in the gap, 18.25 cm by construction, between the body's 18 cm and the 19.5 cm of others."""
     along, across = np.moveaxis(np.asarray(COARSE.centres()), -1, 0)
     room = jnp.asarray(np.where(np.abs(along) > 0.16, 1.0, np.where(np.abs(across) < 0.1, 0.1825, 0.0)), jnp.float32)
     routes = seen(np.zeros(GRID.shape, bool))._replace(room=room, clearance=room)
@@ -69,6 +73,26 @@ def test_a_gap_that_the_robot_has_walked_up_to_need_only_fit_the_body():
         place = jnp.asarray([start, 0.0])
         to_go = route_costs(PARAMETERS, routes, place, jnp.asarray([1.5, 0.0]), kept)
         assert (float(cost_at(to_go, place)) < UNREACHABLE) == opens
+
+
+def test_a_route_that_does_not_exist_is_not_kept():
+    """What stands for it begins beyond the gap and leads back through it, where the body alone would fit. Oracle: the
+    gap's 15 free cells of 2.5 cm, between the width of the body and what routes ask for."""
+    parameters = dataclasses.replace(PARAMETERS, source="route")
+    intrinsics = Intrinsics()
+    planner = load_planner()[0]
+    look = jax.jit(lambda memory, seen: guide(parameters, planner, intrinsics, memory, seen))
+    base = jnp.asarray([-0.9, 0.0, 0.0])
+    memory = start_guide(parameters, base[:2])
+    along, across = np.moveaxis(CENTRES + np.asarray(window_origin(parameters.memory, memory.cells)), -1, 0)
+    wall = jnp.asarray((np.abs(along) < 0.06) & (np.abs(across - 0.0125) > 0.18))
+    memory = memory._replace(cells=memory.cells._replace(evidence=jnp.where(wall, 4.0, -4.0)))
+    blind = jnp.zeros((intrinsics.height, intrinsics.width))
+    observation = Observation(blind, CameraMount().as_array(), base, jnp.asarray([1.5, 0.0]))
+    for _ in range(4):
+        memory, way = look(memory, observation)
+        assert not way.route_exists
+        np.testing.assert_allclose(way.path, jnp.broadcast_to(base[:2], way.path.shape), atol=1e-6)
 
 
 def test_a_lane_that_narrows_slowly_to_less_than_the_body_is_no_way():

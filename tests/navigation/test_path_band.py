@@ -83,9 +83,27 @@ def test_room_to_turn_lies_before_a_gap_and_not_beyond_a_pole():
         assert offset @ place > 0.95 * np.linalg.norm(offset) * np.linalg.norm(place)
 
 
+@pytest.mark.parametrize("width", [0.40, 0.45, 0.60])
+@pytest.mark.parametrize("aside", [-0.2, 0.0, 0.07])
+def test_a_band_through_a_gap_lies_on_its_middle_line(width, aside):
+    """However long the way to it: steps that overshoot the line would leave another side at every length. Oracle: the
+    gap's place and width, less what smooth sampling takes off the ridge of the distance field."""
+    grid = GridSpec(-2.0, -2.0, 0.025, 160, 160)
+    x, y = np.moveaxis(np.asarray(grid.centres()), -1, 0)
+    esdf = signed_distance_field(jnp.asarray((np.abs(x - 0.8) < 0.06) & (np.abs(y) > width / 2)), 0.025)
+    through = jax.jit(lambda start: safe_path(PARAMETERS, jnp.linspace(start, jnp.asarray([1.6, 0.0]), 60), esdf, grid))
+    for begin in np.arange(-0.5, 0.5, 0.07):
+        path, cut = through(jnp.asarray([begin, aside], jnp.float32))
+        assert not cut
+        inside = np.asarray(path)[np.abs(np.asarray(path)[:, 0] - 0.8) < 0.1]
+        assert len(inside) > 1
+        np.testing.assert_allclose(inside[:, 1], 0.0, atol=0.01)
+
+
 @pytest.mark.parametrize("width", [0.30, 0.34, 0.36])
 def test_a_robot_never_creeps_through_a_gap_that_it_does_not_fit(width):
-    """It walks each path to its end and asks again, swaying. Oracle: the gap's width and place."""
+    """It walks each path to its end and asks again, swaying. Oracle: the place of the gap's mouth and of its corners,
+    within half a cell."""
     grid = GridSpec(-2.0, -2.0, 0.025, 160, 160)
     x, y = np.moveaxis(np.asarray(grid.centres()), -1, 0)
     esdf = signed_distance_field(jnp.asarray((np.abs(x - 0.8) < 0.06) & (np.abs(y) > width / 2)), 0.025)
@@ -95,7 +113,9 @@ def test_a_robot_never_creeps_through_a_gap_that_it_does_not_fit(width):
         path, cut = through(jnp.asarray([at[0], at[1] + 0.02 * (-1) ** k], jnp.float32))
         assert cut
         at = np.asarray(path[-1]) * [1.0, 0.0]
-    assert at[0] < 0.8 - 0.06 - 0.1
+    mouth = 0.8 - 0.06
+    assert at[0] < mouth - 0.03
+    assert np.hypot(mouth - at[0], width / 2) > PARAMETERS.min_clearance - 0.0125
 
 
 def test_a_path_walled_in_on_all_sides_is_cut():

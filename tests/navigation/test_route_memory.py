@@ -72,6 +72,27 @@ def test_the_rim_of_the_window_is_not_written():
     assert np.all(np.asarray(memory.clearance)[~known & (reach > 2.0 - ROUTES.rim)] == 10.0)
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_room_of_a_gap_is_half_its_width_whether_its_middle_is_a_cell_or_a_border(turned):
+    """Oracle: the number of its free cells; beside a single wall, the best cell of the distance field."""
+    window, routes = MapMemoryParameters(), RouteMemoryParameters(cells=80, rim=0.0)
+    cells = empty_memory(window, jnp.zeros(2))
+
+    @jax.jit
+    def room_and_field(wall):
+        seen = cells._replace(evidence=jnp.where(wall.T if turned else wall, 4.0, -4.0))
+        memory, esdf = update_route_memory(routes, window, empty_route_memory(routes, cells), seen)
+        return (memory.room.T, esdf.T) if turned else (memory.room, esdf)
+
+    row, column = np.indices((window.cells, window.cells))
+    thick = (row >= 192) & (row < 204)
+    for count in range(12, 22):
+        room, _ = room_and_field(jnp.asarray(thick & ((column < 161) | (column >= 161 + count))))
+        np.testing.assert_allclose(room[49].max(), count * window.resolution / 2, atol=1e-6)
+    room, field = room_and_field(jnp.asarray(thick))
+    np.testing.assert_allclose(room[:48], np.asarray(field).reshape(80, 4, 80, 4).max(axis=(1, 3))[:48], atol=1e-6)
+
+
 def test_a_map_smaller_than_the_window_holds_its_middle():
     """Oracle: the larger map's cells about the same middle."""
     small = RouteMemoryParameters(cells=10, rim=0.0)

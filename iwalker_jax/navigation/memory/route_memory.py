@@ -126,6 +126,20 @@ def _coarse(field: Float[Array, "n n"]) -> Float[Array, "quarter quarter"]:
 
 def _roomiest(esdf: Float[Array, "n n"]) -> Float[Array, "quarter quarter"]:
     """Clearance [m] of the best place in each of the routes' cells: a gap that the body just fits is a line of fine
-    cells."""
+    cells, or lies between two of them."""
     cells = esdf.shape[0] // ROUTE_CELLS
-    return esdf.reshape(cells, ROUTE_CELLS, cells, ROUTE_CELLS).max(axis=(1, 3))
+    best = jnp.maximum(_highest_along(esdf), _highest_along(esdf.T).T)
+    return best.reshape(cells, ROUTE_CELLS, cells, ROUTE_CELLS).max(axis=(1, 3))
+
+
+def _highest_along(field: Float[Array, "n m"]) -> Float[Array, "n m"]:
+    """A field's values, or, where it rises towards the next row from both sides, the height at which the slopes meet.
+
+    Between an even number of free cells the middle line of a gap lies on a border of cells: their values alone would
+    not tell such a gap from one that is a cell narrower.
+    """
+    before, here, after, beyond = field[:-3], field[1:-2], field[2:-1], field[3:]
+    rise, fall = here - before, after - beyond
+    ridge = (rise > 0) & (fall > 0)
+    share = jnp.clip((after - here + fall) / jnp.where(ridge, rise + fall, 1.0), 0.0, 1.0)
+    return field.at[1:-2].max(jnp.where(ridge, here + share * rise, here))
