@@ -27,8 +27,8 @@ class BandParameters:
         desired_clearance: [m] below which obstacles repel the band.
         min_clearance: [m] that the body needs; the path ends before it gets less. Which gaps are wide enough for the
             gait's sway as well is for the routes to say.
-        repulsion: share of the missing clearance that one iteration makes up.
-        contraction: share of the bend that one iteration takes out.
+        repulsion: share of the missing clearance that the first iteration makes up; the others less and less.
+        contraction: share of the bend that the first iteration takes out; the others less and less.
         iterations: of the band.
         escape_slope: [m/m] at which the clearance of a path that starts with less than `min_clearance` must rise.
         turning_clearance: [m] that a robot that turns on the spot shall have, for its sway and the drift of its steps.
