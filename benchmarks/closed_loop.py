@@ -127,6 +127,7 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
     def add_map(s: LoopState, at: Observation) -> tuple:
         before = s.sight.guide
         cells = remember(parameters, nav.intrinsics, before.cells, at._replace(depth=clean_depth(at.depth)))
+        assert before.routes is not None  # the default policy looks for routes
         routes, esdf = update_route_memory(parameters.routes, memory_parameters, before.routes, cells)
         return routes, esdf, window_origin(memory_parameters, cells)
 

@@ -15,7 +15,7 @@ FLOORS = (
     ("planning", "scenes", "control", "estimation"),
     ("tasks", "walking"),
     ("navigation", "film"),
-    ("data", "deployment"),
+    ("data", "deployment", "surrogate"),
     ("training", "evaluation"),
     ("api",),
     ("commands",),

@@ -30,7 +30,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from iwalker_jax.evaluation.episodes import draw_episode
-from iwalker_jax.navigation import MapCell, MapMemoryParameters
+from iwalker_jax.navigation import MapMemoryParameters
+from iwalker_jax.planning import MapCell
 from iwalker_jax.tasks import named_task
 
 # %% tags=["parameters"]

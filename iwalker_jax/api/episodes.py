@@ -12,6 +12,7 @@ from iwalker_jax.navigation import EpisodeProgram, EpisodeRecord, Faults, Outcom
 from iwalker_jax.tasks.named import named_task
 from iwalker_jax.tasks.reachability import check_task
 from iwalker_jax.tasks.task import Task
+from iwalker_jax.training.on_policy import memory_ipath_for
 from iwalker_jax.walking import Disturbances, Sensors
 
 
@@ -57,7 +58,7 @@ def run_episodes(
 
     Args:
         tasks: one or several, each a name of `TASK_NAMES` or a `Task`.
-        policy: how to navigate, a name of `POLICIES`: default, networks, published or classical.
+        policy: how to navigate, a name of `POLICIES`: default, networks, memory, published or classical.
         run: folder of the training run whose networks are used; the shipped planner if left out.
         sensors: `none` walks on the true state, the others on the estimate from simulated sensors.
         depth_noise: whether the camera is as noisy as a real one.
@@ -86,7 +87,8 @@ def run_episodes(
         if not isinstance(task, str):
             check_task(task, unreachable)
     planner, _ = load_with_config(run)
-    navigator = make_navigator(policy, planner, sensors, depth_noise)
+    memory_ipath = memory_ipath_for(policy, None if run is None else Path(run))
+    navigator = make_navigator(policy, planner, sensors, depth_noise, memory_ipath=memory_ipath)
     program = EpisodeProgram(navigator, max(1, min(width, len(chosen))), devices, images, disturbances)
     record = program.run(chosen, seed, faults, on_progress)
     records = tuple(judged(row_of(record, k), task) for k, task in enumerate(chosen))

@@ -7,6 +7,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.planning import Planner
 from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.config import TrainConfig
+from iwalker_jax.training.on_policy.saved import is_memory_run
 from iwalker_jax.training.pretrained import load_planner as load_planner_file
 from iwalker_jax.training.train_step import planner_from
 
@@ -30,5 +31,7 @@ def load_with_config(run: str | Path | None = None) -> tuple[Planner, TrainConfi
         return load_planner_file()
     if not isinstance(run, (str, PathLike)):
         raise InputError(f"The run is {run!r:.40}; give the folder of a training run.")
+    if is_memory_run(Path(run)):
+        return load_planner_file()
     state, config = load_run(Path(run))
     return planner_from(config, state.params), config

@@ -26,6 +26,7 @@ from iwalker_jax.runtime.files import first_line, part_of, require_writable
 from iwalker_jax.runtime.locks import exclusive
 from iwalker_jax.streams import COLLECTION_TASKS
 from iwalker_jax.tasks import training_task
+from iwalker_jax.training.on_policy import memory_ipath_for
 
 Part = tuple[FrameSet, list[str]]
 """Frames of a batch, and how its episodes ended."""
@@ -86,7 +87,7 @@ def collect(command: Command) -> None:
     require_writable(command.out, is_file=True)
     chosen_devices(command.devices)
     planner, _, name = planner_of(command.run)
-    navigator = make_navigator(command.policy, planner)
+    navigator = make_navigator(command.policy, planner, memory_ipath=memory_ipath_for(command.policy, command.run))
     program = EpisodeProgram(navigator, min(command.width, command.tasks), command.devices, images=True)
     with exclusive(command.out.with_suffix(".lock"), command.out):
         folder = parts_folder(command, name, program.width)

@@ -3,7 +3,7 @@
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import tyro
 
@@ -18,7 +18,7 @@ from iwalker_jax.commands.shared.console import (
     require_counts,
     say,
 )
-from iwalker_jax.commands.shared.planners import planner_of
+from iwalker_jax.commands.shared.planners import fingerprint, planner_of
 from iwalker_jax.data import frames_from_recording
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation import Table
@@ -39,12 +39,25 @@ from iwalker_jax.evaluation.episodes import (
 )
 from iwalker_jax.evaluation.frames import FrameSequence, evaluate_all, standard_sequences
 from iwalker_jax.navigation import EpisodeProgram, make_navigator
-from iwalker_jax.planning import Planner
+from iwalker_jax.planning import MemoryIPath, Planner
 from iwalker_jax.runtime import ProcessGroup, barrier, is_first, machine
 from iwalker_jax.runtime.devices import chosen_devices
 from iwalker_jax.runtime.files import require_writable
 from iwalker_jax.scenes import SEQUENCE_NAMES
 from iwalker_jax.training import TrainConfig
+from iwalker_jax.training.on_policy import is_memory_run, memory_ipath_for
+
+
+class Networks(NamedTuple):
+    """That a policy walks with.
+
+    Attributes:
+        planner: iPath and iStepper.
+        memory_ipath: the iPath that reads the remembered map, where the policy has one.
+    """
+
+    planner: Planner
+    memory_ipath: MemoryIPath | None
 
 
 @dataclass(frozen=True)
@@ -67,7 +80,8 @@ class Command:
         seeds: of every other set.
         policies: ways to navigate, comma-separated: default (iPath leads to the next way point of the remembered
             route), networks (iPath and iStepper alone choose the way; the step MPC still corrects footsteps while
-            walking), published (networks without that correction) and classical (the route instead of iPath's path);
+            walking), memory (the iPath that reads the remembered map in place of iPath, with nothing besides),
+            published (networks without the step MPC's correction) and classical (the route instead of iPath's path);
             networks@FOLDER asks the networks of another training run, in the same table.
         depth: noisy or ideal depth images.
         state: what the robot knows of its own state: estimated from noisy sensors, or true.
@@ -121,7 +135,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def study_settings(command: Command, planner: Planner, name: str) -> tuple[StudySettings | None, dict[str, Planner]]:
+def study_settings(command: Command, planner: Planner, name: str) -> tuple[StudySettings | None, dict[str, Networks]]:
     """What episodes are run, None if none are; and the networks of every policy."""
     if command.episodes.strip() == "none":
         return None, {}
@@ -140,16 +154,22 @@ def study_settings(command: Command, planner: Planner, name: str) -> tuple[Study
         command.seed,
         command.width,
     )
-    planners: dict[str, Planner] = {}
+    planners: dict[str, Networks] = {}
     for policy in policies:
         kind, folder = policy_and_networks(policy)
         if NETWORKS_MARK in policy and not folder:
             raise InputError(f"The policy {policy!r} names no run; give its folder, {policy}FOLDER, or leave it out.")
-        if folder:
+        memory_ipath = memory_ipath_for(kind, Path(folder) if folder else None)
+        if memory_ipath is not None:
+            # Episodes are logged under the policy's name: under that of these very parameters.
+            source = folder if folder and is_memory_run(Path(folder)) else "shipped"
+            networks = Networks(planner, memory_ipath)
+            planners[f"{kind}{NETWORKS_MARK}{source} ({fingerprint(memory_ipath)})"] = networks
+        elif folder:
             other, _, other_name = planner_of(Path(folder))
-            planners[f"{kind}{NETWORKS_MARK}{other_name}"] = other
+            planners[f"{kind}{NETWORKS_MARK}{other_name}"] = Networks(other, None)
         else:
-            planners[policy] = planner
+            planners[policy] = Networks(planner, None)
     return replace(settings, policies=tuple(planners)), planners
 
 
@@ -169,11 +189,11 @@ def evaluate_frames(command: Command, planner: Planner, config: TrainConfig, out
     return table
 
 
-def evaluate_episodes(command: Command, settings: StudySettings, planners: dict[str, Planner], out: Path) -> Study:
+def evaluate_episodes(command: Command, settings: StudySettings, planners: dict[str, Networks], out: Path) -> Study:
     """The episodes, progress shown, and their table printed."""
     film = None
     if command.videos:
-        film = FilmSettings(camera=planners[settings.policies[0]].config.ipath.camera)
+        film = FilmSettings(camera=planners[settings.policies[0]].planner.config.ipath.camera)
     with ExitStack() as stack:
         bars: list[ShowProgress] = []
 
@@ -191,12 +211,19 @@ def evaluate_episodes(command: Command, settings: StudySettings, planners: dict[
     return study
 
 
-def runner_maker(command: Command, planners: dict[str, Planner]) -> MakeRunner:
+def runner_maker(command: Command, planners: dict[str, Networks]) -> MakeRunner:
     """How what runs the policies is made."""
     sensors: Literal["nominal", "none"] = "nominal" if command.state == "estimated" else "none"
 
     def make(policy: str, width: int, images: bool) -> EpisodeRunner:
-        navigator = make_navigator(policy_and_networks(policy)[0], planners[policy], sensors, command.depth == "noisy")
+        networks = planners[policy]
+        navigator = make_navigator(
+            policy_and_networks(policy)[0],
+            networks.planner,
+            sensors,
+            command.depth == "noisy",
+            memory_ipath=networks.memory_ipath,
+        )
         return EpisodeProgram(navigator, width, command.devices, images)
 
     return make

@@ -22,6 +22,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.navigation import POLICIES, make_navigator
 from iwalker_jax.runtime.files import require_writable
 from iwalker_jax.training.config_dict import config_to_dict
+from iwalker_jax.training.on_policy import memory_ipath_for
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,8 @@ def export_policy(command: Command) -> int:
     require_devices()
     require_writable(command.out)
     planner, config, name = planner_of(command.run)
-    navigator = make_navigator(command.policy, planner, sensors="none", depth_noise=False)
+    memory_ipath = memory_ipath_for(command.policy, command.run)
+    navigator = make_navigator(command.policy, planner, sensors="none", depth_noise=False, memory_ipath=memory_ipath)
     exported = exported_functions(navigator)
     described = {
         "policy": command.policy,

@@ -40,6 +40,7 @@ from iwalker_jax.training.config import TrainConfig
 from iwalker_jax.training.loop import train
 from iwalker_jax.training.losses import LossWeights
 from iwalker_jax.training.maps import TrainingData
+from iwalker_jax.training.on_policy import memory_ipath_for
 from iwalker_jax.training.train_step import planner_from
 from iwalker_jax.training.whole_body_losses import WholeBodyLosses, load_controlled_robot, whole_body_losses
 
@@ -113,7 +114,8 @@ def footstep_terms(planner: Planner, data: TrainingData, config: TrainConfig) ->
 
 def episode_rows(planner: Planner, command: Command, tasks: Sequence[Task], shortest: Sequence[float]) -> list[dict]:
     """Column values of every task."""
-    program = EpisodeProgram(make_navigator(command.policy, planner), len(tasks))
+    navigator = make_navigator(command.policy, planner, memory_ipath=memory_ipath_for(command.policy))
+    program = EpisodeProgram(navigator, len(tasks))
     with progress_bar("episodes", len(tasks)) as show:
         record = program.run(
             tasks, command.seed, on_progress=lambda seconds, running: show(len(tasks) - running, f"{seconds:.0f} s")

@@ -6,19 +6,21 @@ from typing import Literal, NamedTuple, get_args
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from iwalker_jax.checks import Scalar
+from iwalker_jax.checks import Scalar, require_whole
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import BODY, arc_length, interpolate_along, resample_by_arc_length, to_base, to_world
+from iwalker_jax.geometry import BODY, arc_length, interpolate_along, resample_by_arc_length, to_base, to_world, turn
 from iwalker_jax.navigation.memory import (
     MapMemory,
     MapMemoryParameters,
     RouteMemory,
     RouteMemoryParameters,
+    add_scan,
     empty_memory,
     empty_route_memory,
     route_grid,
     update_memory,
     update_route_memory,
+    view_map,
     window_origin,
 )
 from iwalker_jax.navigation.path_band import BAND_POINTS, BandParameters, safe_path, way_to_room
@@ -30,19 +32,22 @@ from iwalker_jax.perception import (
     Intrinsics,
     MountUncertainty,
     ObstacleParameters,
+    ScanParameters,
     TraversalParameters,
     align_to_floor,
     best_routes,
     clean_depth,
     cost_to_go,
     frame_cells,
+    range_scan,
     softened,
+    strided,
     traversal_cost,
     trusted_cost,
 )
-from iwalker_jax.planning import Planner
+from iwalker_jax.planning import MemoryIPath, Planner, choose_path, start_direction, waypoints_to_path
 
-PathSource = Literal["network", "guided", "route"]
+PathSource = Literal["network", "memory", "guided", "route"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,8 @@ class GuidanceParameters:
     """How a path comes about.
 
     Attributes:
-        source: `network` asks iPath alone and takes its path as it is; `guided` asks iPath for a way to the next way
+        source: `network` asks iPath alone and takes its path as it is; `memory` the iPath that reads the remembered map
+            instead of an image, and nothing else either; `guided` asks iPath for a way to the next way
             point of the route, `route` takes the route itself, the cheapest way to the goal on the remembered map; both
             are drawn off the remembered obstacles and cut before a collision.
         lookahead: [m] along the route to the way point that iPath gets.
@@ -60,6 +66,7 @@ class GuidanceParameters:
         start_radius: [m] about the robot, within which a route must begin.
         longest_path: [m] to which routes and paths are cut, so that they stay inside the memory's window.
         memory: of the map.
+        scan: how an image is read where the path comes from `memory`; scan_stride: of which every so many pixels.
         routes: of the wider map on which routes are found.
         mount: how wrong the believed mount may be that the floor in view corrects: one degree lifts the floor 0.8 m
             ahead by half the height that the robot steps over.
@@ -83,6 +90,8 @@ class GuidanceParameters:
     start_radius: float = 0.3
     longest_path: float = 3.5
     memory: MapMemoryParameters = MapMemoryParameters()
+    scan: ScanParameters = ScanParameters()
+    scan_stride: int = 2
     routes: RouteMemoryParameters = RouteMemoryParameters()
     mount: MountUncertainty = MountUncertainty()
     obstacles: ObstacleParameters = DEFAULT_OBSTACLES
@@ -99,6 +108,9 @@ class GuidanceParameters:
         lengths = ("lookahead", "face_distance", "start_radius", "longest_path", "required_clearance")
         if not min(getattr(self, name) for name in lengths) > 0:
             raise InputError(f"GuidanceParameters needs positive {', '.join(lengths)} [m].")
+        require_whole(self.scan_stride, "GuidanceParameters.scan_stride")
+        if not 1 <= self.scan_stride <= 16:
+            raise InputError("GuidanceParameters needs a scan_stride of 1 to 16 pixels.")
         if self.committed_distance < 0:
             raise InputError("GuidanceParameters needs committed_distance >= 0 [m].")
         if not (0 <= self.kept_route < 1 and self.kept_width > 0):
@@ -125,19 +137,21 @@ class GuideMemory(NamedTuple):
     """What is known from the frames before.
 
     Attributes:
-        cells: of the map near the robot; routes: of a wider, coarser one.
-        route: (ROUTE_POINTS, 2) [m] world, the last frame's whole route; without one, that of the frames before.
+        cells: of the map near the robot; routes: of a wider, coarser one, None where no route is looked for.
+        route: (ROUTE_POINTS, 2) [m] world, the last frame's whole route, or its path; without one, that of the frames
+            before.
     """
 
     cells: MapMemory
-    routes: RouteMemory
+    routes: RouteMemory | None
     route: Float[Array, "points 2"]
 
 
 def start_guide(parameters: GuidanceParameters, xy: Float[Array, "2"]) -> GuideMemory:
     """Nothing known around a place [m]."""
     cells = empty_memory(parameters.memory, xy)
-    return GuideMemory(cells, empty_route_memory(parameters.routes, cells), jnp.broadcast_to(xy, (ROUTE_POINTS, 2)))
+    routes = empty_route_memory(parameters.routes, cells) if parameters.source in ("guided", "route") else None
+    return GuideMemory(cells, routes, jnp.broadcast_to(xy, (ROUTE_POINTS, 2)))
 
 
 class Guidance(NamedTuple):
@@ -164,6 +178,7 @@ def guide(
     intrinsics: Intrinsics,
     memory: GuideMemory,
     observation: Observation,
+    memory_ipath: MemoryIPath | None = None,
 ) -> tuple[GuideMemory, Guidance]:
     """The memory with this frame added, and the way to the goal.
 
@@ -173,12 +188,21 @@ def guide(
         intrinsics: of the depth image.
         memory: of the frames before.
         observation: of this frame.
+        memory_ipath: the network of the source `memory`.
+
+    Raises:
+        InputError: if that source has no network.
     """
     observation = observation._replace(depth=clean_depth(observation.depth))
     if parameters.source == "network":
         path = resample_by_arc_length(network_path(planner, observation, observation.goal), BAND_POINTS)
         no_offset = jnp.zeros_like(observation.goal)
         return memory, Guidance(path, observation.goal, jnp.asarray(False), jnp.asarray(True), no_offset)
+    if parameters.source == "memory":
+        if memory_ipath is None:
+            raise InputError("Paths from memory need a MemoryIPath; make the navigator with one.")
+        return _memory_path(parameters, memory_ipath, intrinsics, memory, observation)
+    assert memory.routes is not None  # as `start_guide` made it
     grid, coarse = parameters.memory.grid, route_grid(parameters.routes, parameters.memory)
     cells = remember(parameters, intrinsics, memory.cells, observation)
     routes, esdf = update_route_memory(parameters.routes, parameters.memory, memory.routes, cells)
@@ -215,6 +239,35 @@ def remember(
     mount = align_to_floor(observation.depth, observation.mount, intrinsics, parameters.mount)
     frame = frame_cells(observation.depth, mount, intrinsics, grid, parameters.obstacles)
     return update_memory(parameters.memory, memory, observation.base, frame, grid)
+
+
+def _memory_path(
+    parameters: GuidanceParameters,
+    network: MemoryIPath,
+    intrinsics: Intrinsics,
+    memory: GuideMemory,
+    observation: Observation,
+) -> tuple[GuideMemory, Guidance]:
+    """The memory with a scan of this frame added, and the path that the network chooses on it."""
+    stride, base = parameters.scan_stride, observation.base
+    depth = observation.depth[::stride, ::stride]
+    scan = range_scan(depth, observation.mount, strided(intrinsics, stride), parameters.scan)
+    cells = add_scan(parameters.memory, memory.cells, base, scan, observation.mount[3:5])
+    view, bearing = view_map(network.config.view, parameters.memory, cells, base, observation.goal)
+    candidates = network(view)
+    last = turn(-bearing, start_direction(memory.route))
+    chosen = choose_path(network.config, candidates, last)
+    frame = jnp.append(base[:2], bearing)
+    path = to_world(frame, waypoints_to_path(candidates.waypoints[chosen][None], ROUTE_POINTS)[0])
+    ahead = _on_route(path, parameters.face_distance)
+    guidance = Guidance(
+        path=resample_by_arc_length(path, BAND_POINTS),
+        face_point=ahead,
+        detour=jnp.asarray(False),
+        route_exists=jnp.asarray(True),
+        room_offset=jnp.zeros_like(observation.goal),
+    )
+    return GuideMemory(cells, None, path), guidance
 
 
 def network_path(planner: Planner, observation: Observation, goal: Float[Array, "2"]) -> Float[Array, "n 2"]:

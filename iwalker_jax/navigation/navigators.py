@@ -12,9 +12,10 @@ from iwalker_jax.navigation.body_volume import BodyVolume, load_body_volume
 from iwalker_jax.navigation.camera import RobotCamera, load_camera
 from iwalker_jax.navigation.camera_health import HealthParameters
 from iwalker_jax.navigation.guide import GuidanceParameters
+from iwalker_jax.navigation.memory import SCAN_MEMORY
 from iwalker_jax.navigation.step_planning import PursuitParameters
 from iwalker_jax.perception import Intrinsics
-from iwalker_jax.planning import Planner, SplitModule, split_module
+from iwalker_jax.planning import MemoryIPath, Planner, SplitModule, split_module
 from iwalker_jax.scenes import DepthNoise
 from iwalker_jax.walking import Sensors, Walker, default_walker
 
@@ -60,6 +61,7 @@ class Navigator:
         camera: fixed to the robot.
         volume: of the robot's body, for its clearance.
         planner: the networks.
+        memory_ipath: the network of paths from memory; None without one.
         guidance: how paths come about.
         pursuit: how footsteps do; None takes the networks' output as it is.
         noise: of the depth camera; None for ideal depth.
@@ -72,6 +74,7 @@ class Navigator:
     camera: RobotCamera
     volume: BodyVolume
     planner: SplitModule[Planner]
+    memory_ipath: SplitModule[MemoryIPath] | None = None
     guidance: GuidanceParameters = field(metadata={"static": True}, default=GuidanceParameters())
     pursuit: PursuitParameters | None = field(metadata={"static": True}, default=PursuitParameters())
     noise: DepthNoise | None = field(metadata={"static": True}, default=DepthNoise())
@@ -103,12 +106,13 @@ POLICIES = {
     "default": NavigationPolicy(GuidanceParameters(), PursuitParameters(), True),
     "networks": NavigationPolicy(GuidanceParameters(source="network"), PursuitParameters(), True),
     "published": NavigationPolicy(GuidanceParameters(source="network"), None, False),
+    "memory": NavigationPolicy(GuidanceParameters(source="memory", memory=SCAN_MEMORY), PursuitParameters(), True),
     "classical": NavigationPolicy(GuidanceParameters(source="route"), PursuitParameters(), True),
 }
 """default: iPath's path to the next way point of the remembered route, drawn off the obstacles; iStepper on a line that
 the robot can turn along; the step MPC online. networks: iPath and iStepper alone choose the way, on such a line too;
-the step MPC keeps the balance. published: not even that, and the path as it is. classical: the route instead of iPath's
-path."""
+the step MPC keeps the balance. memory: the same, with the iPath that reads the remembered map. published: iPath and
+iStepper with nothing besides, the path as it is. classical: the route instead of iPath's path."""
 
 
 def make_navigator(
@@ -117,6 +121,7 @@ def make_navigator(
     sensors: Sensors = "nominal",
     depth_noise: bool = True,
     loop: LoopParameters = LoopParameters(),
+    memory_ipath: MemoryIPath | None = None,
 ) -> Navigator:
     """BRUCE with a policy of `POLICIES`.
 
@@ -127,13 +132,16 @@ def make_navigator(
         sensors: `none` walks on the true state, the others on the estimate.
         depth_noise: whether the camera is as noisy as a real one.
         loop: clocks and ends of an episode.
+        memory_ipath: the trained network of the policy `memory`.
 
     Raises:
-        InputError: for an unknown policy.
+        InputError: for an unknown policy, or one whose network is missing.
     """
     if not isinstance(policy, str) or policy not in POLICIES:
         raise InputError(f"Unknown policy {policy!r}; choose one of {', '.join(POLICIES)}.")
     guidance, pursuit, feedback = POLICIES[policy]
+    if guidance.source == "memory" and memory_ipath is None:
+        raise InputError(f"The policy {policy} needs a MemoryIPath; give `memory_ipath=`, see load_memory_ipath.")
     gait = GaitParameters(hlip=planner.config.hlip, mpc=planner.config.step_weights, feedback=feedback)
     walker, model = default_walker(sensors, gait)
     return Navigator(
@@ -141,6 +149,7 @@ def make_navigator(
         camera=load_camera(model),
         volume=load_body_volume(model),
         planner=split_module(planner),
+        memory_ipath=None if memory_ipath is None else split_module(memory_ipath),
         guidance=guidance,
         pursuit=pursuit,
         noise=DepthNoise() if depth_noise else None,

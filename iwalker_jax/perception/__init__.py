@@ -1,6 +1,6 @@
 """From one depth image to maps: clean-up, floor, occupancy, distance field, cost-to-go."""
 
-from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject, camera_pose
+from iwalker_jax.perception.camera import CameraMount, Intrinsics, backproject, camera_pose, strided
 from iwalker_jax.perception.collision_map import DEFAULT_OBSTACLES, ObstacleParameters
 from iwalker_jax.perception.cost_to_go import UNREACHABLE, CostToGo, cost_to_go, descend, trusted_cost
 from iwalker_jax.perception.depth_cleanup import (
@@ -16,6 +16,7 @@ from iwalker_jax.perception.floor import FloorFit, FloorParameters, MountUncerta
 from iwalker_jax.perception.grid import DEFAULT_GRID, PUBLISHED_GRID, GridSpec, halved, pool_2x2, softened
 from iwalker_jax.perception.local_map import FrameCells, LocalMap, build_local_map, frame_cells
 from iwalker_jax.perception.map_sampling import sample_bilinear, sample_smooth
+from iwalker_jax.perception.range_scan import RangeScan, ScanParameters, range_scan
 from iwalker_jax.perception.seen_route import ROUTE_GRID, ROUTE_POINTS, Routes, best_routes
 from iwalker_jax.perception.soft_map import SoftMap, SoftOccupancy, soft_map
 from iwalker_jax.perception.traversal import TraversalParameters, traversal_cost
@@ -38,7 +39,9 @@ __all__ = [
     "LocalMap",
     "MountUncertainty",
     "ObstacleParameters",
+    "RangeScan",
     "Routes",
+    "ScanParameters",
     "SoftMap",
     "SoftOccupancy",
     "TraversalParameters",
@@ -57,6 +60,7 @@ __all__ = [
     "frame_cells",
     "halved",
     "pool_2x2",
+    "range_scan",
     "read_depth",
     "resize_depth",
     "sample_bilinear",
@@ -64,6 +68,7 @@ __all__ = [
     "signed_distance_field",
     "soft_map",
     "softened",
+    "strided",
     "traversal_cost",
     "trusted_cost",
     "write_depth",

@@ -50,6 +50,18 @@ class Intrinsics:
         return jnp.stack([uu, vv, jnp.ones_like(uu)], axis=-1)
 
 
+def strided(intrinsics: Intrinsics, stride: int) -> Intrinsics:
+    """Intrinsics of every `stride`-th pixel of every `stride`-th row, `image[::stride, ::stride]`."""
+    return Intrinsics(
+        width=-(-intrinsics.width // stride),
+        height=-(-intrinsics.height // stride),
+        fx=intrinsics.fx / stride,
+        fy=intrinsics.fy / stride,
+        cx=intrinsics.cx / stride,
+        cy=intrinsics.cy / stride,
+    )
+
+
 @dataclass(frozen=True)
 class CameraMount:
     """Where the camera sits on the robot, relative to the gravity-aligned `base` frame on the floor.

@@ -147,8 +147,8 @@ def frame_cells(
     # Points that made no cell occupied are noise and hide nothing; obstacles beyond the map still end the view.
     confirmed = jnp.concatenate([occupied.ravel(), brink.ravel(), jnp.zeros(cells + 1, bool)])[index]
     ends = confirmed | (obstacle & (cell == cells))
-    bins = _bearing_bin_count(intrinsics)
-    pixel_bin = _bearing_bin(points.x - mount[3], points.y - mount[4], points.ground_range, bins)
+    bins = bearing_bin_count(intrinsics)
+    pixel_bin = bearing_bin(points.x - mount[3], points.y - mount[4], points.ground_range, bins)
     ranges = points.ground_range.ravel()
     end_bin = jnp.where(ends, pixel_bin, bins).ravel()
     first_end = jnp.full(bins, jnp.inf, ranges.dtype).at[end_bin].min(ranges, mode="drop")
@@ -158,7 +158,7 @@ def frame_cells(
 
     ahead, left = cell_offsets(grid, mount[3:5])
     cell_range = jnp.sqrt(ahead**2 + left**2)
-    cell_bin = _bearing_bin(ahead, left, cell_range, bins)
+    cell_bin = bearing_bin(ahead, left, cell_range, bins)
     half = 0.5 * grid.resolution
     in_view = (cell_range < first_end.at[cell_bin].get(mode="fill", fill_value=0.0) - half) & (
         cell_range <= farthest.at[cell_bin].get(mode="fill", fill_value=0.0)
@@ -181,12 +181,12 @@ def _moved_to_brink(points: PointPlanes, drop: Bool[Array, "height width"], moun
     )
 
 
-def _bearing_bin_count(intrinsics: Intrinsics) -> int:
+def bearing_bin_count(intrinsics: Intrinsics) -> int:
     """Bins a quarter wider than a pixel column at the image's centre, so that every bin in view holds pixels."""
     return max(8, int(3.2 * intrinsics.fx))
 
 
-def _bearing_bin(
+def bearing_bin(
     ahead: Float[Array, "*#n"], left: Float[Array, "*#n"], distance: Float[Array, "*n"], bins: int
 ) -> Int[Array, "*n"]:
     """Bin of a horizontal direction seen from the camera; `bins` (one past the last) for directions behind it.

@@ -4,6 +4,14 @@ from iwalker_jax.planning.footsteps import PathProgress, closest_on_path, nomina
 from iwalker_jax.planning.goal_scan import GoalScan
 from iwalker_jax.planning.ipath import IPath, IPathConfig, reduced_goal
 from iwalker_jax.planning.istepper import IStepper, IStepperConfig
+from iwalker_jax.planning.map_view import MapCell, MapView, MapViewParameters
+from iwalker_jax.planning.memory_ipath import (
+    MemoryIPath,
+    MemoryIPathConfig,
+    PathCandidates,
+    choose_path,
+    start_direction,
+)
 from iwalker_jax.planning.models import PlannerModels
 from iwalker_jax.planning.planner import PATH_POINTS, Plan, Planner, PlannerConfig, waypoints_to_path
 from iwalker_jax.planning.robot_state import (
@@ -23,6 +31,12 @@ __all__ = [
     "IPathConfig",
     "IStepper",
     "IStepperConfig",
+    "MapCell",
+    "MapView",
+    "MapViewParameters",
+    "MemoryIPath",
+    "MemoryIPathConfig",
+    "PathCandidates",
     "PathProgress",
     "Plan",
     "Planner",
@@ -31,6 +45,7 @@ __all__ = [
     "RobotState",
     "SplitModule",
     "StepGeometry",
+    "choose_path",
     "closest_on_path",
     "next_foot",
     "nominal_footsteps",
@@ -39,5 +54,6 @@ __all__ = [
     "sample_robot_state",
     "split_module",
     "standing_state",
+    "start_direction",
     "waypoints_to_path",
 ]

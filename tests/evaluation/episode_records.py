@@ -5,8 +5,8 @@ import numpy as np
 from bruce_model import crouch_qpos
 from iwalker_jax.geometry import Side
 from iwalker_jax.navigation.episodes import RunProgress
-from iwalker_jax.navigation.memory import MapCell
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
+from iwalker_jax.planning import MapCell
 from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.tasks.task import Task
 

@@ -11,6 +11,7 @@ from iwalker_jax.navigation.navigators import make_navigator
 from iwalker_jax.navigation.record import Outcome
 from iwalker_jax.scenes.scene import Scene
 from iwalker_jax.tasks.task import Task
+from iwalker_jax.training.on_policy import memory_ipath_for
 from iwalker_jax.training.pretrained import load_planner
 
 GOAL = np.array([[1.3, 0.1]])
@@ -23,9 +24,10 @@ ROOM = Scene(
 )
 
 
-@pytest.mark.parametrize("policy", ["networks", "classical"])
+@pytest.mark.parametrize("policy", ["networks", "memory", "classical"])
 def test_a_policy_walks_to_a_near_goal_past_a_pillar(policy):
-    program = EpisodeProgram(make_navigator(policy, load_planner()[0]), 1, devices=1)
+    navigator = make_navigator(policy, load_planner()[0], memory_ipath=memory_ipath_for(policy))
+    program = EpisodeProgram(navigator, 1, devices=1)
     record = program.run([Task(policy, ROOM, (0.0, 0.0, 0.0), GOAL, 15.0)], seed=1)
     assert Outcome(int(record.outcome[0, -1])) == Outcome.REACHED
     assert np.linalg.norm(record.base[0, -1, :2] - GOAL[0]) < 0.4

@@ -32,6 +32,7 @@ from iwalker_jax.navigation.depth_camera import start_depth_camera, take_depth
 from iwalker_jax.navigation.faults import make_faults
 from iwalker_jax.navigation.guide import GuidanceParameters, Observation, guide, start_guide
 from iwalker_jax.navigation.memory import (
+    SCAN_MEMORY,
     MapMemoryParameters,
     RouteMemoryParameters,
     empty_memory,
@@ -43,8 +44,9 @@ from iwalker_jax.navigation.memory import (
 from iwalker_jax.navigation.navigators import LoopParameters, Navigator, make_navigator
 from iwalker_jax.navigation.path_band import BandParameters, safe_path, way_to_room
 from iwalker_jax.navigation.step_planning import PursuitParameters, held_on_spot, pursue
-from iwalker_jax.perception import ROUTE_POINTS, FrameCells
+from iwalker_jax.perception import ROUTE_POINTS, FrameCells, ScanParameters
 from iwalker_jax.perception.grid import DEFAULT_GRID
+from iwalker_jax.planning import MapViewParameters, MemoryIPath, MemoryIPathConfig
 from iwalker_jax.planning.planner import Planner, PlannerConfig
 from iwalker_jax.planning.robot_state import StepGeometry
 from iwalker_jax.robot.leg_kinematics import LegKinematics, load_leg_kinematics
@@ -170,7 +172,7 @@ def conditions_of(disturbances: Disturbances) -> Any:
 
 def prepare() -> None:
     """Make what probes share before any of them is traced."""
-    navigator(), controller(), legs(), camera(), conditions_of(Disturbances())
+    navigator(), memory_ipath(), controller(), legs(), camera(), conditions_of(Disturbances())
 
 
 def guided(parameters: GuidanceParameters) -> Any:
@@ -180,6 +182,20 @@ def guided(parameters: GuidanceParameters) -> Any:
     aside = base[:2] + jnp.linspace(0.0, 2.0, ROUTE_POINTS)[:, None] * jnp.asarray([0.8, 0.6])
     memory = start_guide(parameters, base[:2])._replace(route=aside)
     return guide(parameters, navigator().planner.merge(), SMALL, memory, observation)
+
+
+@cache
+def memory_ipath() -> MemoryIPath:
+    """A small untrained network."""
+    return MemoryIPath(MemoryIPathConfig(MapViewParameters(bearings=8, rings=2), hidden=8, judging=8), nnx.Rngs(0))
+
+
+def guided_by_memory(parameters: GuidanceParameters) -> Any:
+    """The way that a network finds on the map after one frame."""
+    base = jnp.asarray([0.1, 0.2, 0.3])
+    observation = Observation(depth_image(), MOUNT, base, jnp.asarray([6.0, 1.5]))
+    memory = start_guide(parameters, base[:2])
+    return guide(parameters, navigator().planner.merge(), SMALL, memory, observation, memory_ipath())
 
 
 def banded(parameters: BandParameters) -> Any:
@@ -292,6 +308,12 @@ PROBES = {
                 "routes": RouteMemoryParameters(rim=0.9),
             },
             only=("memory", "routes", "mount", "obstacles", "band", "traversal"),
+        ),
+        Probe(
+            guided_by_memory,
+            GuidanceParameters(source="memory", memory=SCAN_MEMORY),
+            changes={"scan": ScanParameters(support=0.3)},
+            only=("scan", "scan_stride"),
         ),
     ),
 }

@@ -13,7 +13,7 @@ import pkgutil
 import pytest
 
 import iwalker_jax
-from tests.settings import robot_probes, training_probes
+from tests.settings import on_policy_probes, robot_probes, training_probes
 from tests.settings.mechanism import idle_in_all
 from tests.settings.small_probes import PROBES as SMALL_PROBES
 
@@ -21,6 +21,7 @@ PROBES = {
     **{kind: (probe,) for kind, probe in SMALL_PROBES.items()},
     **robot_probes.PROBES,
     **training_probes.PROBES,
+    **on_policy_probes.PROBES,
 }
 
 RESULTS = {"Study", "MeshSolids", "MjcfSolids"}
@@ -66,6 +67,7 @@ def test_every_configuration_class_has_a_probe():
 def prepared():
     robot_probes.prepare()
     training_probes.prepare()
+    on_policy_probes.prepare()
 
 
 @pytest.mark.parametrize("kind", PROBES, ids=lambda kind: kind.__name__)

@@ -37,6 +37,7 @@ from iwalker_jax.tasks.routes import (
     single_precision,
     time_limit,
 )
+from iwalker_jax.training.on_policy import memory_ipath_for
 from iwalker_jax.walking import Disturbances
 
 _DETOUR = 2.0
@@ -114,7 +115,8 @@ def run_scene_episode(options: EpisodeOptions, shared: SharedOptions) -> None:
     user = None if options.scene_file is None else user_scene(options)
     task = task_of(options, shared.seed, user)
     planner, _, name = planner_of(options.run)
-    navigator = make_navigator(options.policy, planner, shared.sensors or "nominal")
+    memory_ipath = memory_ipath_for(options.policy, options.run)
+    navigator = make_navigator(options.policy, planner, shared.sensors or "nominal", memory_ipath=memory_ipath)
     disturbances: Disturbances = shared.disturbances
     if disturbances.push_impulse:
         disturbances = dataclasses.replace(disturbances, push_after=allowed_length(task) / PACE / 2)

@@ -9,8 +9,9 @@ from jaxtyping import Float, Int, Int8, UInt8
 
 from iwalker_jax.evaluation.projection import floor_pixels
 from iwalker_jax.geometry import Side
-from iwalker_jax.navigation import MapCell, MapMemoryParameters
+from iwalker_jax.navigation import MapMemoryParameters
 from iwalker_jax.perception import Intrinsics
+from iwalker_jax.planning import MapCell
 
 Image = UInt8[np.ndarray, "height width 3"]
 

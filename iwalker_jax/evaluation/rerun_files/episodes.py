@@ -18,8 +18,9 @@ from iwalker_jax.evaluation.rerun_files.stream import (
     rerun_stream,
 )
 from iwalker_jax.geometry import Side
-from iwalker_jax.navigation import EpisodeRecord, MapCell, MapMemoryParameters, Outcome
+from iwalker_jax.navigation import EpisodeRecord, MapMemoryParameters, Outcome
 from iwalker_jax.perception import CameraMount, Intrinsics
+from iwalker_jax.planning import MapCell
 from iwalker_jax.scenes import Scene
 from iwalker_jax.tasks import Task
 

@@ -1,7 +1,6 @@
 """What the robot remembers of the floor: a fine window near it, and a wider, coarser map for routes."""
 
 from iwalker_jax.navigation.memory.map_memory import (
-    MapCell,
     MapMemory,
     MapMemoryParameters,
     empty_memory,
@@ -10,6 +9,7 @@ from iwalker_jax.navigation.memory.map_memory import (
     update_memory,
     window_origin,
 )
+from iwalker_jax.navigation.memory.polar_view import view_map
 from iwalker_jax.navigation.memory.route_memory import (
     RouteMemory,
     RouteMemoryParameters,
@@ -17,13 +17,15 @@ from iwalker_jax.navigation.memory.route_memory import (
     route_grid,
     update_route_memory,
 )
+from iwalker_jax.navigation.memory.scan_update import SCAN_MEMORY, add_scan
 
 __all__ = [
-    "MapCell",
+    "SCAN_MEMORY",
     "MapMemory",
     "MapMemoryParameters",
     "RouteMemory",
     "RouteMemoryParameters",
+    "add_scan",
     "empty_memory",
     "empty_route_memory",
     "map_cells",
@@ -31,5 +33,6 @@ __all__ = [
     "route_grid",
     "update_memory",
     "update_route_memory",
+    "view_map",
     "window_origin",
 ]

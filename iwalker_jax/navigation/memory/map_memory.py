@@ -8,7 +8,6 @@ cells of a route's map, so that a narrow gap on it does not open and close with 
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import NamedTuple
 
 import jax
@@ -18,20 +17,13 @@ from jaxtyping import Array, Bool, Float, Int, Int8
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, to_base
 from iwalker_jax.perception import DEFAULT_GRID, FrameCells, GridSpec
+from iwalker_jax.planning import MapCell
 
 ROUTE_CELLS = 4
 """Cells of the memory along a side of a route's cell."""
 
 LARGEST_SHIFT = 16
 """Cells between two frames; a robot that believes to have jumped farther starts afresh."""
-
-
-class MapCell(IntEnum):
-    """What the memory holds a cell for."""
-
-    UNSEEN = 0
-    FREE = 1
-    OCCUPIED = 2
 
 
 @dataclass(frozen=True)
@@ -103,6 +95,13 @@ def window_origin(parameters: MapMemoryParameters, memory: MapMemory) -> Float[A
     return memory.middle.astype(memory.evidence.dtype) * parameters.resolution
 
 
+def moved_to(parameters: MapMemoryParameters, memory: MapMemory, xy: Float[Array, "2"]) -> MapMemory:
+    """The memory with its window moved to a place [m], a frame later: what it knows has faded a little."""
+    middle = _cell(parameters, xy)
+    evidence = shifted(memory.evidence, middle - memory.middle, LARGEST_SHIFT) * (1 - parameters.decay)
+    return MapMemory(evidence, middle)
+
+
 def update_memory(
     parameters: MapMemoryParameters,
     memory: MapMemory,
@@ -116,8 +115,8 @@ def update_memory(
         base: (x, y, yaw) of the base frame in the world.
         frame: its cells, on `grid` in the base frame.
     """
-    middle = _cell(parameters, base[:2])
-    evidence = shifted(memory.evidence, middle - memory.middle, LARGEST_SHIFT) * (1 - parameters.decay)
+    memory = moved_to(parameters, memory, base[:2])
+    evidence, middle = memory.evidence, memory.middle
     centres = parameters.grid.centres() + middle.astype(base.dtype) * parameters.resolution
     offsets = to_base(base, centres)
     cell = jnp.round(grid.cell_coordinates(offsets)).astype(jnp.int32)

@@ -18,9 +18,9 @@ from iwalker_jax.evaluation.episodes.film_panels import CELL_COLOURS, PanelPlan,
 from iwalker_jax.evaluation.episodes.metrics import row_of  # noqa: E402
 from iwalker_jax.evaluation.episodes.pictures import in_true_world  # noqa: E402
 from iwalker_jax.geometry import Side, other_side  # noqa: E402
-from iwalker_jax.navigation.memory import MapCell  # noqa: E402
 from iwalker_jax.navigation.record import Outcome  # noqa: E402
 from iwalker_jax.perception.camera import CameraMount, camera_pose  # noqa: E402
+from iwalker_jax.planning import MapCell  # noqa: E402
 from tests.evaluation.episode_records import make_record, make_task, room  # noqa: E402
 
 SMALL = FilmSettings(height=120, pace=5, samples=0)

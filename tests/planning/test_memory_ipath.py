@@ -1,0 +1,83 @@
+"""iPath with a memory: mirror equivariance by construction, lengths of its paths, and the choice among them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax import nnx
+
+from iwalker_jax.errors import InputError
+from iwalker_jax.planning import MapView, MapViewParameters, MemoryIPath, MemoryIPathConfig, PathCandidates, choose_path
+
+CONFIG = MemoryIPathConfig(view=MapViewParameters(bearings=12, rings=4), hidden=32)
+
+
+@pytest.fixture(scope="module")
+def network():
+    return MemoryIPath(CONFIG, nnx.Rngs(0))
+
+
+def random_views(count, seed=0):
+    cells, goal = jax.random.split(jax.random.key(seed))
+    shape = (count, CONFIG.view.bearings, CONFIG.view.samples)
+    return MapView(
+        jax.random.randint(cells, shape, 0, 3).astype(jnp.int8), jax.random.uniform(goal, (count, 4), minval=-1.0)
+    )
+
+
+def test_candidates_of_the_mirror_image_are_the_mirrored_candidates(network):
+    """Oracle: the definition of equivariance; the two halves change places."""
+    views = random_views(20)
+    here, there = network(views), network(views.mirrored())
+    half = CONFIG.proposals
+    flipped = there.waypoints * jnp.array([1.0, -1.0])
+    for own, other in (
+        (here.waypoints, flipped),
+        (here.log_cost, there.log_cost),
+        (here.fear, there.fear),
+    ):
+        np.testing.assert_allclose(own[:, :half], other[:, half:], atol=1e-5)
+        np.testing.assert_allclose(own[:, half:], other[:, :half], atol=1e-5)
+
+
+def test_no_path_is_a_point_unless_the_goal_is_reached(network):
+    """Oracle: the bounds of the configuration; the third number of a view is the goal's distance, folded."""
+    views = random_views(50, 1)
+    knots = jnp.concatenate([jnp.zeros((50, 2 * CONFIG.proposals, 1, 2)), network(views).waypoints], axis=2)
+    lengths = np.linalg.norm(np.diff(knots, axis=2), axis=-1).sum(axis=-1)
+    near = 0.5 * CONFIG.view.near_goal * (np.asarray(views.goal[:, 1]) + 1.0)
+    assert (lengths >= np.minimum(near, CONFIG.shortest)[:, None] - 1e-5).all()
+    assert (lengths <= CONFIG.longest + 1e-5).all()
+
+
+def test_a_single_view_is_a_row_of_a_batch(network):
+    """Oracle: the batch."""
+    views = random_views(3, 2)
+    whole = network(views)
+    one = network(jax.tree.map(lambda leaf: leaf[1], views))
+    for a, b in zip(one, whole, strict=True):
+        np.testing.assert_allclose(a, b[1], atol=1e-6)
+
+
+def test_the_cheapest_is_chosen_and_of_equals_the_one_on_the_last_side():
+    """Oracle: two straight paths, one to each side."""
+    steps = jnp.linspace(0.2, 1.0, 5)[:, None]
+    left, right = steps * jnp.array([1.0, 1.0]), steps * jnp.array([1.0, -1.0])
+    candidates = PathCandidates(jnp.stack([left, right]), jnp.log1p(jnp.array([1.0, 1.1])), jnp.zeros(2))
+    unit = jnp.array([1.0, -1.0]) / jnp.sqrt(2.0)
+    assert int(choose_path(CONFIG, candidates, jnp.zeros(2))) == 0
+    assert int(choose_path(CONFIG, candidates, unit)) == 1
+    dear = candidates._replace(log_cost=jnp.log1p(jnp.array([1.0, 1.4])))
+    assert int(choose_path(CONFIG, dear, unit)) == 0
+
+
+def test_sizes_that_cannot_be_are_refused():
+    """Oracle: the stated ranges."""
+    with pytest.raises(InputError, match="hidden"):
+        MemoryIPathConfig(hidden=0)
+    with pytest.raises(InputError, match="shortest"):
+        MemoryIPathConfig(shortest=2.0)
+    with pytest.raises(InputError, match="bearings"):
+        MapViewParameters(bearings=0)
+    with pytest.raises(InputError, match="near_goal"):
+        MapViewParameters(near_goal=9.0)
