@@ -90,12 +90,9 @@ def main(arguments: list[str] | None = None) -> int:
     require_devices()
     require_loggers(command.log)
     require_writable(command.out)
-    write_json(config_file(command.out), config_to_dict(config))
-    last: list[OnPolicyProgress] = []
     with progress_bar("rounds", config.rounds) as show:
 
         def report(progress: OnPolicyProgress) -> None:
-            last.append(progress)
             show(
                 progress.round,
                 f"reached {100 * progress.reached:.0f} %  collided {100 * progress.collided:.0f} %  "
@@ -103,7 +100,7 @@ def main(arguments: list[str] | None = None) -> int:
             )
 
         show(0, "making scenes, compiling: some minutes")
-        network = train_on_policy(
+        result = train_on_policy(
             config,
             command.out,
             resume=not command.fresh,
@@ -112,13 +109,12 @@ def main(arguments: list[str] | None = None) -> int:
             on_progress=report,
             say=say,
         )
-    if not last or last[-1].round < config.rounds:
+    if result.rounds < config.rounds:
         return STOPPED
-    save_memory_ipath(command.out / NETWORK_FILE, network, config)
-    end = last[-1]
+    write_json(config_file(command.out), config_to_dict(config))
+    save_memory_ipath(command.out / NETWORK_FILE, result.network, config)
     say(
-        f"In the last round {100 * end.reached:.1f} % of the surrogate walks reached their goals and "
-        f"{100 * end.collided:.1f} % collided. The network is {command.out / NETWORK_FILE}; walk with it: "
+        f"The network is {command.out / NETWORK_FILE}; walk with it: "
         f"python -m experiments.evaluate --policies memory@{command.out}"
     )
     return 0

@@ -13,6 +13,8 @@ from flax import nnx
 from iwalker_jax.commands import evaluate
 from iwalker_jax.commands.shared.config_file import parse_options
 from iwalker_jax.commands.shared.planners import fingerprint, planner_of
+from iwalker_jax.planning import MemoryIPath, MemoryIPathConfig
+from iwalker_jax.training.on_policy import NETWORK_FILE, OnPolicyConfig, load_memory_ipath, save_memory_ipath
 from tests.data.recording_folders import write_yaml_recording
 from tests.evaluation.episode_records import StubProgram
 from tests.experiments.commands import SCENES, evaluate_command, evaluate_episodes_command, fails_with_one_sentence
@@ -105,6 +107,17 @@ def test_networks_of_several_runs_walk_in_one_table(finished_run, pretended, tmp
     with (tmp_path / "episode_table.csv").open() as stream:
         assert {row["policy"] for row in csv.DictReader(stream)} == set(pretended)
     assert len(list((tmp_path / "sheets").glob("*.png"))) == 3
+
+
+def test_a_trained_memory_walks_beside_the_shipped_one(pretended, tmp_path):
+    """Oracle: the rows' names hold the fingerprint of the very parameters."""
+    config = OnPolicyConfig(network=MemoryIPathConfig(hidden=8, judging=8))
+    network = MemoryIPath(config.network, nnx.Rngs(1))
+    save_memory_ipath(tmp_path / NETWORK_FILE, network, config)
+    assert evaluate.main(["--unseen-scenes", "0", "--scenes", "--no-videos", "--episodes", "corridor", "--seeds", "2",
+                          "--policies", f"memory,memory@{tmp_path}", "--out", str(tmp_path / "out")]) == 0  # fmt: skip
+    shipped, own = load_memory_ipath()[0], load_memory_ipath(tmp_path / NETWORK_FILE)[0]
+    assert pretended == [f"memory@shipped ({fingerprint(shipped)})", f"memory@{tmp_path} ({fingerprint(own)})"]
 
 
 def test_a_planners_name_changes_with_its_parameters(finished_run):

@@ -1,7 +1,7 @@
 """Training of iPath with a memory where its own walks lead it, judged by the true scene."""
 
 from iwalker_jax.training.on_policy.config import OnPolicyConfig, PathWeights
-from iwalker_jax.training.on_policy.loop import OnPolicyProgress, train_on_policy
+from iwalker_jax.training.on_policy.loop import OnPolicyProgress, OnPolicyResult, train_on_policy
 from iwalker_jax.training.on_policy.losses import CandidateLosses, candidate_losses, proposal_loss
 from iwalker_jax.training.on_policy.saved import (
     NETWORK_FILE,
@@ -18,6 +18,7 @@ __all__ = [
     "CandidateLosses",
     "OnPolicyConfig",
     "OnPolicyProgress",
+    "OnPolicyResult",
     "PathWeights",
     "candidate_losses",
     "is_memory_run",

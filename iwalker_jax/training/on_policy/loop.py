@@ -75,6 +75,18 @@ class OnPolicyProgress(NamedTuple):
     frames_per_second: float
 
 
+class OnPolicyResult(NamedTuple):
+    """How a run ended.
+
+    Attributes:
+        network: as far as it was trained.
+        rounds: that it was trained for; fewer than asked for if the run was stopped.
+    """
+
+    network: MemoryIPath
+    rounds: int
+
+
 def train_on_policy(
     config: OnPolicyConfig,
     folder: Path,
@@ -85,7 +97,7 @@ def train_on_policy(
     loggers: Sequence[LoggerName] = (),
     on_progress: Callable[[OnPolicyProgress], None] = lambda progress: None,
     say: Callable[[str], None] = print,
-) -> MemoryIPath:
+) -> OnPolicyResult:
     """Train iPath with a memory; the checkpoint and metrics go to `folder`.
 
     Args:
@@ -101,6 +113,7 @@ def train_on_policy(
     Raises:
         CheckpointError: if the folder's checkpoint cannot be read, or is of another configuration.
         InputError: if another process trains in the folder.
+        FloatingPointError: after a round without finite losses.
     """
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "checkpoint.npz"
@@ -113,7 +126,7 @@ def train_on_policy(
             say(f"Resuming at round {first} of {config.rounds}.")
         log = RunLog(folder, config, first, loggers, say)
         last = min(config.rounds, config.rounds if stop_after is None else stop_after)
-        saved = first
+        saved = done = first
         try:
             for number in range(first, last):
                 clock = time.perf_counter()
@@ -121,16 +134,22 @@ def train_on_policy(
                 progress = _progress(config, number, report, counts, time.perf_counter() - clock)
                 numbers = {name: float(getattr(progress, name)) for name in ("reached", "collided", "timed_out")}
                 numbers |= {name: float(value) for name, value in report._asdict().items()}
+                if not np.isfinite(list(numbers.values())).all():
+                    raise FloatingPointError(
+                        f"Round {number} gave losses that are not finite; lower the learning rate. The checkpoint of "
+                        f"round {saved} is whole."
+                    )
+                done = number + 1
                 log.write(number, numbers | {"frames_per_second": progress.frames_per_second})
                 on_progress(progress)
-                if (number + 1) % checkpoint_every == 0 or number + 1 == last:
-                    _save(file, config, state, number + 1)
-                    saved = number + 1
+                if done % checkpoint_every == 0 or done == last:
+                    _save(file, config, state, done)
+                    saved = done
         except KeyboardInterrupt:
             say(f"Interrupted; the same command goes on from round {saved}.")
         finally:
             log.close()
-    return state.network.merge()
+    return OnPolicyResult(state.network.merge(), done)
 
 
 def practice_scenes(config: OnPolicyConfig) -> TrueFields:

@@ -41,7 +41,7 @@ def leaves_of(network):
 def whole(tmp_path_factory):
     """A run from start to end."""
     folder = tmp_path_factory.mktemp("whole")
-    return train_on_policy(SMALL, folder, say=lambda text: None), folder
+    return train_on_policy(SMALL, folder, say=lambda text: None).network, folder
 
 
 def test_a_few_rounds_lower_what_proposals_cost(whole):
@@ -62,8 +62,9 @@ def test_a_few_rounds_lower_what_proposals_cost(whole):
 def test_a_stopped_run_goes_on_to_the_same_parameters(whole, tmp_path):
     """Oracle: the run that was not stopped, bit for bit."""
     said = []
-    train_on_policy(SMALL, tmp_path, stop_after=2, say=said.append)
-    network = train_on_policy(SMALL, tmp_path, say=said.append)
+    assert train_on_policy(SMALL, tmp_path, stop_after=2, say=said.append).rounds == 2
+    network, rounds = train_on_policy(SMALL, tmp_path, say=said.append)
+    assert rounds == SMALL.rounds
     assert any("Resuming at round 2" in text for text in said)
     for a, b in zip(leaves_of(network), leaves_of(whole[0]), strict=True):
         np.testing.assert_array_equal(a, b)
