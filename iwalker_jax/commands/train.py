@@ -82,7 +82,7 @@ def parse(arguments: list[str]) -> Command:
     preset, file = given_value(arguments, "--preset"), given_value(arguments, "--config")
     if preset is not None and file is not None:
         raise InputError("--preset and --config both say what the other options start from; give one of them.")
-    default = of_preset(preset or "default") if file is None else of_file(Path(file))
+    default = of_preset("default" if preset is None else preset) if file is None else of_file(Path(file))
     command = tyro.cli(Command, args=arguments, default=default, description=Command.__doc__)
     if command.data is not None or command.topic is not None:
         own = command.training.source

@@ -7,7 +7,7 @@ from iwalker_jax.navigation.closed_loop import LoopState, run_episode, start_epi
 from iwalker_jax.navigation.episodes import EpisodeProgram, RunProgress, TaskBatch, place_at
 from iwalker_jax.navigation.faults import Faults, make_faults
 from iwalker_jax.navigation.guide import Guidance, GuidanceParameters, GuideMemory, Observation, guide, start_guide
-from iwalker_jax.navigation.memory import MapMemory, MapMemoryParameters
+from iwalker_jax.navigation.memory import MapMemory, MapMemoryParameters, recorded_window
 from iwalker_jax.navigation.navigators import POLICIES, LoopParameters, NavigationPolicy, Navigator, make_navigator
 from iwalker_jax.navigation.path_band import BandParameters, safe_path
 from iwalker_jax.navigation.record import EpisodeRecord, Outcome
@@ -47,6 +47,7 @@ __all__ = [
     "make_navigator",
     "measured_mount",
     "place_at",
+    "recorded_window",
     "run_episode",
     "safe_path",
     "start_episode",

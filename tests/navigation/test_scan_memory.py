@@ -2,8 +2,18 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from iwalker_jax.navigation.memory import SCAN_MEMORY, add_scan, empty_memory, map_cells, view_map
+from iwalker_jax.navigation.memory import (
+    SCAN_MEMORY,
+    MapMemoryParameters,
+    add_scan,
+    empty_memory,
+    map_cells,
+    recorded_window,
+    view_map,
+    window_origin,
+)
 from iwalker_jax.perception import CameraMount, Intrinsics, range_scan
 from iwalker_jax.planning import MapCell, MapViewParameters
 from iwalker_jax.scenes import Scene, render_depth, world_camera_pose
@@ -59,6 +69,17 @@ def test_an_obstacle_that_has_gone_is_forgotten():
     for _ in range(8):
         memory = add_scan(SCAN_MEMORY, memory, pose, range_scan(depth, MOUNT, CAMERA), MOUNT[3:5])
     assert cell_at(memory, 2.02, 0.03) == MapCell.FREE
+
+
+@pytest.mark.parametrize("window", [MapMemoryParameters(), SCAN_MEMORY], ids=["fine", "scans"])
+def test_a_window_on_record_lies_where_the_memory_holds_it(window):
+    """Oracle: the memory's own origin, for robots anywhere, in cells of either size."""
+    for xy in np.random.default_rng(0).uniform(-5, 5, (50, 2)).astype(np.float32):
+        memory = empty_memory(window, jnp.asarray(xy))
+        corner, resolution = recorded_window(xy, window.cells)
+        assert resolution == pytest.approx(window.resolution)
+        half = window.cells // 2 * window.resolution
+        np.testing.assert_allclose(corner + half, window_origin(window, memory), atol=1e-4)
 
 
 def test_the_view_turns_with_the_goal_and_not_with_the_robot():

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int, Int8, UInt8
 
 from iwalker_jax.evaluation.projection import floor_pixels
 from iwalker_jax.geometry import Side
-from iwalker_jax.navigation import MapMemoryParameters
+from iwalker_jax.navigation import recorded_window
 from iwalker_jax.perception import Intrinsics
 from iwalker_jax.planning import MapCell
 
@@ -88,21 +88,20 @@ def map_panel(
     pose: Float[np.ndarray, " 3"],
     plan: PanelPlan,
     size: tuple[int, int],
-    memory: MapMemoryParameters = MapMemoryParameters(),
 ) -> Image:
     """The robot's map from above, forward up, with path, footsteps and where the goal lies.
 
     Args:
         cells: `MapCell`s of the map's window, whose axes are the world's; however many were recorded.
-        middle: [m] where the robot was when the window moved last.
+        middle: [m] where the robot believed to be when the window moved last.
         pose: (x [m], y [m], yaw [rad]) from where the map is seen.
         plan: to draw, in the base frame of that pose.
         size: (width, height) [px] of the panel; it is as wide as the window.
-        memory: of the window.
     """
     width, height = size
-    side, count = memory.cells * memory.resolution, len(cells)
-    resolution = side / count
+    count = len(cells)
+    corner, resolution = recorded_window(middle, count)
+    side = count * resolution
     scale = width / side
 
     def pixels(points: np.ndarray) -> np.ndarray:
@@ -112,8 +111,7 @@ def map_panel(
     left = (side / 2 - (np.arange(width) + 0.5) / scale)[None]
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     place = np.stack([pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left])
-    lowest = np.round(middle / resolution).astype(int) - count // 2
-    cell = np.floor(place / resolution).astype(int) - lowest[:, None, None]
+    cell = np.floor((place - corner[:, None, None]) / resolution).astype(int)
     inside = ((cell >= 0) & (cell < count)).all(axis=0)
     row, column = np.clip(cell, 0, count - 1)
     palette = np.array([CELL_COLOURS[kind] for kind in MapCell], np.uint8)

@@ -18,7 +18,7 @@ from iwalker_jax.evaluation.rerun_files.stream import (
     rerun_stream,
 )
 from iwalker_jax.geometry import Side
-from iwalker_jax.navigation import EpisodeRecord, MapMemoryParameters, Outcome
+from iwalker_jax.navigation import EpisodeRecord, Outcome, recorded_window
 from iwalker_jax.perception import CameraMount, Intrinsics
 from iwalker_jax.planning import MapCell
 from iwalker_jax.scenes import Scene
@@ -99,9 +99,7 @@ def _log_map(stream: Any, cells: Int8[np.ndarray, "rows columns"], middle: Float
     """The map's window as an image with x up and y to the left, and its occupied cells where they are."""
     import rerun as rr
 
-    memory, count = MapMemoryParameters(), len(cells)
-    resolution = memory.cells * memory.resolution / count
-    lowest = np.round(middle / resolution).astype(int) - count // 2
-    places = (np.argwhere(cells == MapCell.OCCUPIED) + lowest + 0.5) * resolution
+    corner, resolution = recorded_window(middle, len(cells))
+    places = corner + (np.argwhere(cells == MapCell.OCCUPIED) + 0.5) * resolution
     stream.log("map", rr.SegmentationImage(np.ascontiguousarray(cells[::-1, ::-1]).astype(np.uint8)))
     stream.log("world/map/occupied", rr.Points3D(on_floor(places), radii=resolution / 2, colors=(93, 97, 107)))

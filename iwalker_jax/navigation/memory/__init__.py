@@ -6,6 +6,7 @@ from iwalker_jax.navigation.memory.map_memory import (
     empty_memory,
     map_cells,
     memory_cells,
+    recorded_window,
     update_memory,
     window_origin,
 )
@@ -30,6 +31,7 @@ __all__ = [
     "empty_route_memory",
     "map_cells",
     "memory_cells",
+    "recorded_window",
     "route_grid",
     "update_memory",
     "update_route_memory",

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8
 
 from iwalker_jax.errors import InputError
@@ -146,6 +147,21 @@ def map_cells(parameters: MapMemoryParameters, memory: MapMemory) -> Int8[Array,
     occupied, unknown = memory_cells(parameters, memory)
     cells = jnp.where(occupied, MapCell.OCCUPIED, jnp.where(unknown, MapCell.UNSEEN, MapCell.FREE))
     return cells.astype(jnp.int8)
+
+
+def recorded_window(xy: Float[np.ndarray, "2"], cells: int) -> tuple[Float[np.ndarray, "2"], float]:
+    """Lower corner [m] of a window on record, in the world, and side [m] of its cells.
+
+    The windows of all policies are as wide, in cells of different sizes.
+
+    Args:
+        xy: (2,) [m] where the robot believed to be when the window was written last.
+        cells: on record along a side.
+    """
+    window = MapMemoryParameters()
+    resolution = window.resolution * window.cells / cells
+    step = ROUTE_CELLS * resolution
+    return step * np.round(np.asarray(xy) / step) - cells // 2 * resolution, resolution
 
 
 def _cell(parameters: MapMemoryParameters, xy: Float[Array, "2"]) -> Int[Array, "2"]:

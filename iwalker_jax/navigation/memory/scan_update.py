@@ -8,8 +8,8 @@ from iwalker_jax.navigation.memory.map_memory import MapMemory, MapMemoryParamet
 from iwalker_jax.perception import RangeScan
 from iwalker_jax.perception.local_map import bearing_bin
 
-SCAN_MEMORY = MapMemoryParameters(resolution=0.05, cells=128)
-"""The window that scans are written into where a network reads it: half as fine, as far as the network looks."""
+SCAN_MEMORY = MapMemoryParameters(resolution=0.05, cells=160)
+"""The window that scans are written into where a network reads it: as wide as the classical planner's, half as fine."""
 
 
 def add_scan(
