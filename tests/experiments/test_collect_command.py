@@ -47,7 +47,7 @@ def run_seeds(monkeypatch):
     monkeypatch.setattr(collect, "training_task", lambda seed: make_task(f"training-{seed}"))
     monkeypatch.setattr(collect, "planner_of", lambda run: (None, None, f"networks of {run}"))
     navigator = SimpleNamespace(camera=None, intrinsics=Intrinsics(3, 2, 2.0, 2.0, 1.0, 0.5))
-    monkeypatch.setattr(collect, "make_navigator", lambda policy, planner: navigator)
+    monkeypatch.setattr(collect, "make_navigator", lambda policy, planner, memory_ipath: navigator)
     return seeds
 
 

@@ -52,7 +52,7 @@ def pretended(monkeypatch):
     monkeypatch.setattr(Program, "made", [])
     monkeypatch.setattr(scene_episode, "EpisodeProgram", Program)
     monkeypatch.setattr(scene_episode, "planner_of", lambda run: (None, None, "pretrained"))
-    monkeypatch.setattr(scene_episode, "make_navigator", lambda *arguments: Navigator())
+    monkeypatch.setattr(scene_episode, "make_navigator", lambda *arguments, memory_ipath: Navigator())
     return Program.made
 
 
