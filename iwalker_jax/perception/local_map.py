@@ -149,12 +149,7 @@ def frame_cells(
     ends = confirmed | (obstacle & (cell == cells))
     bins = bearing_bin_count(intrinsics)
     pixel_bin = bearing_bin(points.x - mount[3], points.y - mount[4], points.ground_range, bins)
-    ranges = points.ground_range.ravel()
-    end_bin = jnp.where(ends, pixel_bin, bins).ravel()
-    first_end = jnp.full(bins, jnp.inf, ranges.dtype).at[end_bin].min(ranges, mode="drop")
-    surface_bin = jnp.where(floor | (ends & obstacle), pixel_bin, bins).ravel()
-    farthest = jnp.zeros(bins, ranges.dtype).at[surface_bin].max(ranges, mode="drop")
-    nearest = jnp.full(bins, jnp.inf, ranges.dtype).at[surface_bin].min(ranges, mode="drop")
+    first_end, farthest, nearest = bearing_ranges(points.ground_range, pixel_bin, bins, ends, floor | (ends & obstacle))
 
     ahead, left = cell_offsets(grid, mount[3:5])
     cell_range = jnp.sqrt(ahead**2 + left**2)
@@ -179,6 +174,26 @@ def _moved_to_brink(points: PointPlanes, drop: Bool[Array, "height width"], moun
         y=mount[4] + share * (points.y - mount[4]),
         ground_range=share * points.ground_range,
     )
+
+
+def bearing_ranges(
+    ranges: Float[Array, "height width"],
+    pixel_bin: Int[Array, "height width"],
+    bins: int,
+    ends: Bool[Array, "height width"],
+    surfaces: Bool[Array, "height width"],
+) -> tuple[Float[Array, " bins"], Float[Array, " bins"], Float[Array, " bins"]]:
+    """Ranges [m] of each bearing: to the first point that ends the view, to the farthest and to the nearest surface.
+
+    Where a bearing has none, the first and the nearest are infinite and the farthest is zero.
+    """
+    flat = ranges.ravel()
+    end_bin = jnp.where(ends, pixel_bin, bins).ravel()
+    first_end = jnp.full(bins, jnp.inf, flat.dtype).at[end_bin].min(flat, mode="drop")
+    surface_bin = jnp.where(surfaces, pixel_bin, bins).ravel()
+    farthest = jnp.zeros(bins, flat.dtype).at[surface_bin].max(flat, mode="drop")
+    nearest = jnp.full(bins, jnp.inf, flat.dtype).at[surface_bin].min(flat, mode="drop")
+    return first_end, farthest, nearest
 
 
 def bearing_bin_count(intrinsics: Intrinsics) -> int:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception.camera import Intrinsics
 from iwalker_jax.perception.collision_map import ObstacleParameters, classify_points, point_planes
-from iwalker_jax.perception.local_map import bearing_bin, bearing_bin_count
+from iwalker_jax.perception.local_map import bearing_bin, bearing_bin_count, bearing_ranges
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,6 @@ def range_scan(
     ends = obstacle | drop
     bins = bearing_bin_count(intrinsics)
     pixel_bin = bearing_bin(points.x - mount[3], points.y - mount[4], ranges, bins)
-    flat = ranges.ravel()
-    first = jnp.full(bins, jnp.inf, flat.dtype).at[jnp.where(ends, pixel_bin, bins).ravel()].min(flat, mode="drop")
-    surface_bin = jnp.where(floor | obstacle, pixel_bin, bins).ravel()
-    farthest = jnp.zeros(bins, flat.dtype).at[surface_bin].max(flat, mode="drop")
-    nearest = jnp.full(bins, jnp.inf, flat.dtype).at[surface_bin].min(flat, mode="drop")
+    first, farthest, nearest = bearing_ranges(ranges, pixel_bin, bins, ends, floor | obstacle)
     end = first.at[pixel_bin].get(mode="fill", fill_value=-jnp.inf)
     return RangeScan(first, farthest, nearest, points.x, points.y, ends & (ranges < end + parameters.depth))

@@ -98,6 +98,8 @@ def sample_fields(
 ) -> Float[Array, "*batch"]:
     """Bilinear sample of one of many square fields; differentiable in the points.
 
+    As `sample_bilinear` with `clamp`, but four cells of a point are gathered instead of a field a robot.
+
     Args:
         fields: the fields.
         index: () int32, which of them.

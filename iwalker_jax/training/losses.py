@@ -10,7 +10,13 @@ from jaxtyping import Array, Bool, Float
 from iwalker_jax.checks import require_plain_numbers
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import footstep_signs, resample_by_arc_length, safe_norm
-from iwalker_jax.optimization import GradientMode, initial_state_from_reference, solve_step_mpc, solve_unicycle
+from iwalker_jax.optimization import (
+    GradientMode,
+    UnicycleParameters,
+    initial_state_from_reference,
+    solve_step_mpc,
+    solve_unicycle,
+)
 from iwalker_jax.perception import (
     DEFAULT_GRID,
     PUBLISHED_GRID,
@@ -132,11 +138,7 @@ def path_losses(
         models: lower-level models.
         gradient: how the unicycle MPC is differentiated; `stopped` is the published way.
     """
-    # The reference is even in arc length and the prediction is not, so uneven waypoints are punished as well.
-    reference = resample_by_arc_length(path, path.shape[0])
-    solution = solve_unicycle(reference, initial_state_from_reference(reference), models.unicycle, gradient)
-    tracking = jnp.mean(jnp.sum((path - solution.value.path) ** 2, axis=-1))
-
+    tracking, trusted = unicycle_tracking(path, models.unicycle, gradient)
     clearance = sample_smooth(maps.esdf, DEFAULT_GRID, path)
     unknown = sample_bilinear(maps.unknown, ROUTE_GRID, path, outside="clamp")
     # Through unseen space the route map may guess, but the path itself must not go: it ends where sight ends.
@@ -158,8 +160,18 @@ def path_losses(
         progress=to_go,
         clearance=worst,
         fear=fear_loss(fear, clearance, models),
-        converged=solution.gradient_valid,
+        converged=trusted,
     )
+
+
+def unicycle_tracking(
+    path: Float[Array, "n 2"], unicycle: UnicycleParameters, gradient: GradientMode = "implicit"
+) -> tuple[Float[Array, ""], Bool[Array, ""]]:
+    """MSE [m^2] between a path and its unicycle optimum (eq. 4), and whether its derivative may be trusted."""
+    # The reference is even in arc length and the prediction is not, so uneven waypoints are punished as well.
+    reference = resample_by_arc_length(path, path.shape[0])
+    solution = solve_unicycle(reference, initial_state_from_reference(reference), unicycle, gradient)
+    return jnp.mean(jnp.sum((path - solution.value.path) ** 2, axis=-1)), solution.gradient_valid
 
 
 def step_losses(

@@ -229,9 +229,8 @@ def walk_round(
         fresh = _many_starts(config, fields, robots.key)
         # Where no start was found nobody has walked.
         walked = jnp.where(robots.most_steps > 0, outcome, 0)
-        robots = jax.vmap(partial(jax.tree.map, jnp.where), in_axes=(0, 0, 0))(
-            jax.tree.map(lambda leaf: outcome != SurrogateOutcome.RUNNING, robots), fresh, robots
-        )
+        ended = outcome != SurrogateOutcome.RUNNING
+        robots = jax.vmap(lambda ends, *states: jax.tree.map(partial(jnp.where, ends), *states))(ended, fresh, robots)
         return robots, (walked, visits)
 
     robots, (outcomes, visits) = jax.lax.scan(step, robots, None, length=config.steps)

@@ -11,11 +11,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from iwalker_jax.geometry import resample_by_arc_length, safe_norm, to_world
-from iwalker_jax.optimization import initial_state_from_reference, solve_unicycle
+from iwalker_jax.geometry import safe_norm, to_world
 from iwalker_jax.perception import traversal_cost
 from iwalker_jax.planning import MemoryIPath, PathCandidates, waypoints_to_path
 from iwalker_jax.surrogate import TrueFields, Visit, sample_fields, way_to_go
+from iwalker_jax.training.losses import unicycle_tracking
 from iwalker_jax.training.on_policy.config import OnPolicyConfig
 
 _POINTS = 33  # of a path on which the scene is sampled: every 5 cm
@@ -129,9 +129,7 @@ def _tracking(
     waypoints = jnp.take_along_axis(candidates.waypoints[::every], best, axis=1)[:, 0]
 
     def one(path: Float[Array, "n 2"]) -> Array:
-        reference = resample_by_arc_length(path, path.shape[0])
-        solution = solve_unicycle(reference, initial_state_from_reference(reference), config.unicycle)
-        apart = jnp.mean(jnp.sum((path - solution.value.path) ** 2, axis=-1))
-        return jnp.where(solution.gradient_valid, apart, 0.0)
+        apart, trusted = unicycle_tracking(path, config.unicycle)
+        return jnp.where(trusted, apart, 0.0)
 
     return jnp.mean(jax.vmap(one)(waypoints_to_path(waypoints)))

@@ -1,19 +1,15 @@
 """Trained iPaths with a memory as small files: configuration and half-precision parameters."""
 
-import json
 from pathlib import Path
 
-import jax
-import jax.numpy as jnp
-import numpy as np
 from flax import nnx
 
-from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.errors import CheckpointError
 from iwalker_jax.navigation.navigators import POLICIES
 from iwalker_jax.planning import MemoryIPath, split_module
-from iwalker_jax.runtime.files import first_line, read_npz, write_npz
+from iwalker_jax.runtime.files import first_line
 from iwalker_jax.runtime.reading import printable
-from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
+from iwalker_jax.training.network_files import read_network_file, restored_parameters, write_network
 from iwalker_jax.training.on_policy.config import OnPolicyConfig
 
 PRETRAINED_MEMORY_IPATH = Path(__file__).with_name("pretrained.npz")
@@ -22,8 +18,6 @@ PRETRAINED_MEMORY_IPATH = Path(__file__).with_name("pretrained.npz")
 NETWORK_FILE = "memory_ipath.npz"
 """Of a run's folder."""
 
-_CONFIG = "config"
-
 
 def save_memory_ipath(file: Path, network: MemoryIPath, config: OnPolicyConfig) -> None:
     """Write a network and the configuration of its training to an .npz file; parameters in half precision.
@@ -31,13 +25,7 @@ def save_memory_ipath(file: Path, network: MemoryIPath, config: OnPolicyConfig) 
     Raises:
         CheckpointError: if the file cannot be written.
     """
-    leaves = jax.tree_util.tree_flatten_with_path(nnx.state(network, nnx.Param))[0]
-    arrays = {jax.tree_util.keystr(path): np.asarray(leaf, np.float16) for path, leaf in leaves}
-    arrays[_CONFIG] = np.asarray(json.dumps(config_to_dict(config)))
-    try:
-        write_npz(file, arrays)
-    except OSError as error:
-        raise CheckpointError(f"Cannot write the network to {file}: {error.strerror}; choose another place.") from error
+    write_network(file, network, config, "the network")
 
 
 def load_memory_ipath(file: Path = PRETRAINED_MEMORY_IPATH) -> tuple[MemoryIPath, OnPolicyConfig]:
@@ -48,17 +36,15 @@ def load_memory_ipath(file: Path = PRETRAINED_MEMORY_IPATH) -> tuple[MemoryIPath
         CheckpointError: if the file is missing, damaged or of another version.
     """
     try:
-        arrays = read_npz(file)
-        config: OnPolicyConfig = config_from_dict(OnPolicyConfig, json.loads(str(arrays.pop(_CONFIG))))
+        arrays, config = read_network_file(file, OnPolicyConfig)
         network = split_module(MemoryIPath(config.network, nnx.Rngs(0)))
-        paths, structure = jax.tree_util.tree_flatten_with_path(network.params)
-        leaves = [_restored(arrays[jax.tree_util.keystr(path)], leaf.shape) for path, leaf in paths]
-    except (InputError, KeyError, TypeError, ValueError) as error:
+        params = restored_parameters(arrays, network.params)
+    except (KeyError, TypeError, ValueError) as error:
         raise CheckpointError(
             f"{printable(file, 300)} holds no iPath with a memory that this version can read ({first_line(error)}); "
             "train one with `iwalker-train-memory`."
         ) from error
-    return network.with_params(jax.tree.unflatten(structure, leaves)).merge(), config
+    return network.with_params(params).merge(), config
 
 
 def is_memory_run(run: Path) -> bool:
@@ -77,9 +63,3 @@ def memory_ipath_for(policy: str, run: Path | None = None) -> MemoryIPath | None
         return None
     own = run is not None and is_memory_run(run)
     return load_memory_ipath(Path(run) / NETWORK_FILE if run is not None and own else PRETRAINED_MEMORY_IPATH)[0]
-
-
-def _restored(array: np.ndarray, shape: tuple[int, ...]) -> jax.Array:
-    if array.dtype.kind != "f" or array.shape != shape or not np.isfinite(array).all():
-        raise ValueError(f"parameters of shape {array.shape} instead of {shape}, no real numbers, or not finite")
-    return jnp.asarray(array, jnp.float32)
