@@ -1,33 +1,38 @@
 """Where the closed loop's time goes, how fast whole episodes are, and what each part takes for one robot.
 
 Run with `python -m benchmarks.closed_loop [--episodes 64] [--seconds 30] [--batches 3] [--devices 2]
-[--run runs/default] [--study]`. Episodes are walked from a compiled program; compilation is reported apart. Times of
-parts are the best of several calls: the machine's, not its neighbours'. A study of several batches is walked batch
-after batch, and in one run in which an episode begins where one has ended.
+[--run runs/default] [--study]`. Episodes are walked from a compiled program; compilation is reported apart. A study of
+several batches is walked batch after batch, and in one run in which an episode begins where one has ended.
 """
 
-import argparse
 import dataclasses
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
-configure_runtime(requested_devices(sys.argv))
+if __name__ == "__main__":
+    configure_runtime(requested_devices(sys.argv))
 
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from flax import nnx  # noqa: E402
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+from flax import nnx
 
-from benchmarks.timing import timed  # noqa: E402
-from iwalker_jax.commands.shared.planners import planner_of  # noqa: E402
-from iwalker_jax.control import control_step  # noqa: E402
-from iwalker_jax.geometry import Side  # noqa: E402
-from iwalker_jax.navigation import (  # noqa: E402
+from benchmarks.suite.alone import Options, present
+from benchmarks.suite.contest import Contender, contest
+from benchmarks.suite.figures import Fact, Group, Row
+from benchmarks.suite.timing import timed
+from iwalker_jax.commands.shared.planners import planner_of
+from iwalker_jax.control import control_step
+from iwalker_jax.geometry import Side
+from iwalker_jax.navigation import (
     EpisodeProgram,
     LoopState,
     Navigator,
@@ -41,8 +46,8 @@ from iwalker_jax.navigation import (  # noqa: E402
     safe_path,
     start_episode,
 )
-from iwalker_jax.navigation.depth_camera import take_depth  # noqa: E402
-from iwalker_jax.navigation.guide import (  # noqa: E402
+from iwalker_jax.navigation.depth_camera import take_depth
+from iwalker_jax.navigation.guide import (
     Guidance,
     Observation,
     guide,
@@ -50,35 +55,56 @@ from iwalker_jax.navigation.guide import (  # noqa: E402
     remember,
     route_costs,
 )
-from iwalker_jax.navigation.memory import (  # noqa: E402
+from iwalker_jax.navigation.memory import (
     RouteMemory,
     route_grid,
     update_route_memory,
     window_origin,
 )
-from iwalker_jax.navigation.step_planning import Stance, plan_steps  # noqa: E402
-from iwalker_jax.perception import (  # noqa: E402
+from iwalker_jax.navigation.step_planning import Stance, plan_steps
+from iwalker_jax.perception import (
     best_routes,
     clean_depth,
     softened,
 )
-from iwalker_jax.planning import (  # noqa: E402
+from iwalker_jax.planning import (
     Planner,
     SplitModule,
     split_module,
 )
-from iwalker_jax.robot import (  # noqa: E402
+from iwalker_jax.robot import (
     ARM_POSITIONS,
     ARM_VELOCITIES,
     rigid_body_terms,
 )
-from iwalker_jax.runtime.devices import machine  # noqa: E402
-from iwalker_jax.scenes.depth_noise import DepthNoise  # noqa: E402
-from iwalker_jax.scenes.ray_casting import render_depth  # noqa: E402
-from iwalker_jax.tasks.generated import generated_tasks  # noqa: E402
-from iwalker_jax.tasks.task import Task, TaskArrays, stack_tasks  # noqa: E402
-from iwalker_jax.training import paper_preset, small_paper_preset  # noqa: E402
-from iwalker_jax.walking import Conditions, Disturbances, sample_conditions, sense_and_control, walk_tick  # noqa: E402
+from iwalker_jax.scenes.depth_noise import DepthNoise
+from iwalker_jax.scenes.ray_casting import render_depth
+from iwalker_jax.tasks.generated import generated_tasks
+from iwalker_jax.tasks.task import Task, TaskArrays, stack_tasks
+from iwalker_jax.training import paper_preset, small_paper_preset
+from iwalker_jax.walking import Conditions, Disturbances, sample_conditions, sense_and_control, walk_tick
+
+
+@dataclass(frozen=True)
+class Config(Options):
+    """Time parts of the loop, whole episodes, and studies of them.
+
+    Attributes:
+        episodes: side by side; 4 with --quick.
+        seconds: of an episode at most; 5 with --quick.
+        batches: of the study; left out with --quick.
+        devices: host devices that share the episodes.
+        run: a training run's folder; the shipped planner by default.
+        study: the study of several batches only.
+    """
+
+    episodes: int = 64
+    seconds: float = 30.0
+    batches: int = 3
+    devices: int | None = None
+    run: Path | None = None
+    study: bool = False
+
 
 REPEATS = 9
 TICKS = 33
@@ -188,30 +214,25 @@ def parts_of(setting: Setting) -> dict[str, tuple[float, float]]:
     }
 
 
-def print_parts(parts: dict[str, tuple[float, float]], title: str) -> None:
-    """Milliseconds a robot-second of each part, and their sum."""
+def part_figures(parts: dict[str, tuple[float, float]], title: str) -> Iterator[Fact]:
+    """Microseconds a call, milliseconds a robot-second and share of each part, and their sum."""
     spent = {name: each * rate for name, (each, rate) in parts.items()}
     total = sum(spent.values())
-    print(f"\n{title}")
-    print(f"{'part':<30} {'us a call':>10} {'calls a second':>15} {'ms a robot-second':>18} {'share':>7}")
-    for name, (each, rate) in parts.items():
-        print(f"{name:<30} {1e3 * each:>10.1f} {rate:>15.1f} {spent[name]:>18.1f} {spent[name] / total:>7.1%}")
-    print(f"{'all':<30} {'':>10} {'':>15} {total:>18.1f} {1e3 / total:>6.1f}x real time on one device")
+    for name, (each, _) in parts.items():
+        yield Fact(f"{title}, {name}", 1e3 * each, f"us a call, {spent[name] / total:.0%} of a second")
+    yield Fact(f"{title}, all parts", 1e3 / total, "times real time on one device")
 
 
-def print_latency(navigator: Navigator, planner: Planner) -> None:
-    """Rates of the networks and of one control tick for one robot, called one by one."""
+def latency(navigator: Navigator, planner: Planner) -> Group:
+    """The networks and one control tick for one robot, called one by one."""
     config = planner.config
     mount = config.ipath.mount.as_array()[None]
 
-    def rate(call: Callable, *arguments: Any) -> float:
-        return 1 / timed(call, *arguments, repeats=REPEATS).best
-
-    def ipath_rate(network: Planner) -> float:
+    def ipath(network: Planner) -> Callable[[], Any]:
         camera = network.config.ipath.camera
         depth = jnp.full((1, camera.height, camera.width), 2.0)
         call = jax.jit(lambda split, image: split.merge().plan_path(image, jnp.ones((1, 2)), mount)[0])
-        return rate(call, split_module(network), depth)
+        return partial(call, split_module(network), depth)
 
     controller = navigator.walker.controller
     setting = Setting(navigator, generated_tasks(1), warm=15)
@@ -232,16 +253,15 @@ def print_latency(navigator: Navigator, planner: Planner) -> None:
         return plan_steps(navigator.pursuit, split.merge().istepper, path, path[-1], stance, jnp.zeros(2))[0].positions
 
     small, published = small_paper_preset().planner, paper_preset().planner
-    rates = {
-        "iPath (default)": ipath_rate(planner),
-        "iPath (paper, 90 x 160)": ipath_rate(Planner(small, nnx.Rngs(0))),
-        "iPath (paper, 360 x 640)": ipath_rate(Planner(published, nnx.Rngs(0))),
-        "iStepper and course": rate(step, navigator.planner, path),
-        "rigid-body terms and control": rate(jax.jit(control), walk.physics.qpos, walk.physics.qvel),
+    calls: dict[str, Callable[[], Any]] = {
+        "iPath (default)": ipath(planner),
+        "iPath (paper, 90 x 160)": ipath(Planner(small, nnx.Rngs(0))),
+        "iPath (paper, 360 x 640)": ipath(Planner(published, nnx.Rngs(0))),
+        "iStepper and course": partial(step, navigator.planner, path),
+        "rigid-body terms and control": partial(jax.jit(control), walk.physics.qpos, walk.physics.qvel),
     }
-    print("\nOne robot, one call at a time")
-    for name, each in rates.items():
-        print(f"{name:<30} {each:>10.0f} Hz")
+    rows = [Contender(name, "ours", call) for name, call in calls.items()]
+    return contest("One robot, one call at a time", "a call", rows, REPEATS)
 
 
 def generated(count: int, seconds: float) -> list[Task]:
@@ -249,20 +269,19 @@ def generated(count: int, seconds: float) -> list[Task]:
     return [dataclasses.replace(task, time_limit=seconds) for task in generated_tasks(count)]
 
 
-def print_episodes(navigator: Navigator, count: int, seconds: float, devices: int | None) -> None:
+def episodes(navigator: Navigator, count: int, seconds: float, devices: int | None) -> Iterator[Group | Fact]:
     """How fast one batch of episodes is walked."""
     program = EpisodeProgram(navigator, count, devices)
     record = program.run(generated(count, seconds))
     # An episode that has ended costs as much as the others of its batch until the last one ends.
     ends = np.max(record.time, axis=1)
-    walked, computed = (float(s) / program.run_seconds for s in (np.sum(ends), count * np.max(ends)))
-    print(
-        f"\n{count} episodes of up to {seconds:g} s: {program.run_seconds:.1f} s, {walked:.1f} robot-seconds walked a "
-        f"second, {computed:.1f} computed; {program.compile_seconds:.1f} s to compile"
-    )
+    walked, computed = float(np.sum(ends)), float(count * np.max(ends))
+    row = Row("ours", "ours", (program.run_seconds / walked,), program.compile_seconds)
+    yield Group(f"{count} episodes of up to {seconds:g} s", "a robot-second walked", (row,))
+    yield Fact(f"{count} episodes: robot-seconds computed", computed / program.run_seconds, "a second")
 
 
-def print_study(navigator: Navigator, count: int, width: int, seconds: float, devices: int | None) -> None:
+def study(navigator: Navigator, count: int, width: int, seconds: float, devices: int | None) -> Iterator[Group | Fact]:
     """How fast a study of several batches is walked: batch after batch, and in one run of all."""
     program = EpisodeProgram(navigator, width, devices)
     tasks = generated(count * width, seconds)
@@ -274,36 +293,31 @@ def print_study(navigator: Navigator, count: int, width: int, seconds: float, de
     together = dict(program.run_batches(batches))
     together_seconds = time.perf_counter() - began
     pairs = [pair for number, record in enumerate(apart) for pair in zip(record, together[number], strict=True)]
-    same = all(a.tobytes() == b.tobytes() for a, b in pairs)
     walked = float(sum(np.sum(np.max(record.time, axis=1)) for record in apart))
-    print(
-        f"\nA study of {count} batches of {width} episodes of up to {seconds:g} s, {walked:.0f} robot-seconds in all: "
-        f"batch after batch {walked / apart_seconds:.1f} walked a second ({apart_seconds:.1f} s), in one run "
-        f"{walked / together_seconds:.1f} ({together_seconds:.1f} s); records {'equal' if same else 'differ'}"
+    rows = (
+        Row("batch after batch", "ours", (apart_seconds / walked,)),
+        Row("in one run", "ours", (together_seconds / walked,)),
     )
+    yield Group(f"A study of {count} batches of {width} episodes of up to {seconds:g} s", "a robot-second walked", rows)
+    same = sum(a.tobytes() == b.tobytes() for a, b in pairs)
+    yield Fact("records equal in both ways", float(same), f"of {len(pairs)}")
 
 
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description="Time the closed loop.")
-    parser.add_argument("--episodes", type=int, default=64)
-    parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--batches", type=int, default=3)
-    parser.add_argument("--devices", type=int, default=None)
-    parser.add_argument("--run", type=Path, default=None)
-    parser.add_argument("--study", action="store_true", help="time the study of several batches only")
-    options = parser.parse_args()
-    planner = planner_of(options.run)[0]
+def measure(config: Config) -> Iterator[Group | Fact]:
+    """All figures of this benchmark."""
+    planner = planner_of(config.run)[0]
     navigator = make_navigator("default", planner)
-    print(machine())
-    if not options.study:
-        print_latency(navigator, planner)
-        print_parts(parts_of(Setting(navigator, generated_tasks(1))), "One robot")
-        print_parts(parts_of(Setting(navigator, generated_tasks(16))), "A batch of 16 on one device")
-        print_episodes(navigator, 1, options.seconds, 1)
-        print_episodes(navigator, options.episodes, options.seconds, options.devices)
-    print_study(navigator, options.batches, options.episodes, options.seconds, options.devices)
+    count, seconds = (4, 5.0) if config.quick else (config.episodes, config.seconds)
+    if not config.study:
+        yield latency(navigator, planner)
+        yield from part_figures(parts_of(Setting(navigator, generated_tasks(1))), "one robot")
+        yield from part_figures(parts_of(Setting(navigator, generated_tasks(16))), "16 robots")
+        yield from episodes(navigator, 1, seconds, 1)
+        yield from episodes(navigator, count, seconds, config.devices)
+    if config.study or not config.quick:
+        yield from study(navigator, config.batches, count, seconds, config.devices)
 
 
 if __name__ == "__main__":
-    main()
+    options = tyro.cli(Config, description=__doc__)
+    present(measure(options), options)

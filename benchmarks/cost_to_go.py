@@ -1,36 +1,38 @@
-"""Cost-to-go: agreement and speed against SciPy's Dijkstra on the same graph.
+"""Cost-to-go beside SciPy's Dijkstra on the same graph.
 
 Run with `python -m benchmarks.cost_to_go`. Dijkstra gets its graph ready-made; building it is not timed.
 """
 
+from collections.abc import Iterator
 from functools import partial
 
-from benchmarks.extras import read_no_options, require
+from benchmarks.suite.extras import require
 from iwalker_jax.runtime.settings import configure_runtime
 
-configure_runtime()
+if __name__ == "__main__":
+    configure_runtime()
 require("scipy")
 
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
-import scipy  # noqa: E402
+import tyro  # noqa: E402
 from scipy.ndimage import distance_transform_edt  # noqa: E402
 from scipy.sparse import csr_matrix  # noqa: E402
 from scipy.sparse.csgraph import dijkstra  # noqa: E402
 
-from benchmarks.timing import compiled, in_turns  # noqa: E402
+from benchmarks.suite.alone import Options, present  # noqa: E402
+from benchmarks.suite.contest import Contender, contest  # noqa: E402
+from benchmarks.suite.figures import Group, Work  # noqa: E402
 from iwalker_jax.optimization import Solution  # noqa: E402
 from iwalker_jax.perception import (  # noqa: E402
     UNREACHABLE,
     GridSpec,
     cost_to_go,
 )
-from iwalker_jax.runtime.devices import machine  # noqa: E402
 
 SIZES = (80, 160)
 BATCH = 64
-REPEATS = 7
 
 
 def benchmark_maps(size: int, resolution: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -75,7 +77,7 @@ def graph(cost: np.ndarray, resolution: float) -> csr_matrix:
 def worst_error(costs: np.ndarray, solution: Solution, grid: GridSpec) -> float:
     """Largest relative difference from Dijkstra over every eighth map."""
     worst = 0.0
-    for n in range(0, BATCH, 8):
+    for n in range(0, len(solution.value.goal), 8):
         cell = np.floor(np.asarray(solution.value.goal[n]) / grid.resolution).astype(int)
         seed = costs[n][tuple(cell)] * solution.value.goal_offset[n]
         source = cell @ [grid.columns, 1]
@@ -88,41 +90,33 @@ def worst_error(costs: np.ndarray, solution: Solution, grid: GridSpec) -> float:
     return worst
 
 
-def main() -> None:
-    """Print the table."""
-    print(f"{machine()}, SciPy {scipy.__version__}; milliseconds a map, best (median) of {REPEATS}")
-    print(
-        f"{'size':>4} {'map':<15} {'rel. error':>10} {'rounds':>6} {'single':>15} {f'batch of {BATCH}':>15} "
-        f"{'Dijkstra':>15} {'batch/Dijkstra':>14}"
-    )
-    for size in SIZES:
+def measure(options: Options) -> Iterator[Group]:
+    """All figures of this benchmark."""
+    for size in SIZES[:1] if options.quick else SIZES:
         grid = GridSpec(x_min=0.0, y_min=0.0, resolution=0.05, rows=size, columns=size)
         rng = np.random.default_rng(0)
         goals = jnp.asarray(rng.uniform(0, grid.x_max, (BATCH, 2)), jnp.float32)
         single = jax.jit(partial(cost_to_go, grid=grid))
-        shapes = (jax.ShapeDtypeStruct((BATCH, *grid.shape), jnp.float32), goals)
-        batched, taken = compiled(jax.jit(jax.vmap(partial(cost_to_go, grid=grid))), *shapes)
+        batched = jax.jit(jax.vmap(partial(cost_to_go, grid=grid)))
+        work = Work(bytes=8.0 * size * size)
         for name, maps in benchmark_maps(size, grid.resolution, rng).items():
             costs = jnp.asarray(maps)
-            solution = batched(costs, goals)
-            source = np.floor(np.asarray(solution.value.goal[0]) / grid.resolution).astype(int) @ [size, 1]
-            times = in_turns(
-                {
-                    "single": partial(single, costs[0], goals[0]),
-                    "batch": partial(batched, costs, goals),
-                    "peer": partial(dijkstra, graph(maps[0], grid.resolution), directed=False, indices=source),
-                },
-                REPEATS,
-            )
-            one, many, peer = times["single"], times["batch"].each(BATCH), times["peer"]
-            print(
-                f"{size:>4} {name:<15} {worst_error(maps, solution, grid):10.1e} "
-                f"{np.mean(solution.iterations):6.1f} {one.milliseconds():>15} {many.milliseconds():>15} "
-                f"{peer.milliseconds():>15} {many.best / peer.best:14.2f}"
-            )
-        print(f"{size:>4} batch compiled, or loaded from the compilation cache, in {taken:.2f} s")
+
+            def judge(solution: Solution, maps: np.ndarray = maps, grid: GridSpec = grid) -> dict[str, float]:
+                many = solution if np.ndim(solution.status) else jax.tree.map(lambda leaf: leaf[None], solution)
+                return {"worst relative error": worst_error(maps, many, grid)}
+
+            goal = np.asarray(single(costs[0], goals[0]).value.goal)
+            source = np.floor(goal / grid.resolution).astype(int) @ [size, 1]
+            ready = partial(dijkstra, graph(maps[0], grid.resolution), directed=False, indices=source)
+            rows = [
+                Contender("ours, one map", "ours", partial(single, costs[0], goals[0]), 1, judge, work),
+                Contender(f"ours, {BATCH} side by side", "ours", partial(batched, costs, goals), BATCH, judge, work),
+                Contender("SciPy's Dijkstra, graph ready-made", "peer", ready, compiles=False),
+            ]
+            yield contest(f"{size} x {size}, {name}", "a map", rows, 3 if options.quick else 7)
 
 
 if __name__ == "__main__":
-    read_no_options(__doc__)
-    main()
+    options = tyro.cli(Options, description=__doc__)
+    present(measure(options), options)

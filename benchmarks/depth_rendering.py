@@ -1,22 +1,27 @@
-"""Depth rendering: images a second against MuJoCo's rays, with the two images' disagreement beside the speed.
+"""Depth rendering beside MuJoCo's rays.
 
-Run with `python -m benchmarks.depth_rendering`.
+Run with `python -m benchmarks.depth_rendering`. Each scene is seen from its middle in four directions: what is in
+view changes the cost.
 """
+
+from collections.abc import Iterator
 
 from iwalker_jax.runtime import configure_runtime
 
-configure_runtime()
+if __name__ == "__main__":
+    configure_runtime()
 
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import mujoco  # noqa: E402
-import numpy as np  # noqa: E402
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import tyro
 
-from benchmarks.extras import read_no_options  # noqa: E402
-from benchmarks.timing import timed  # noqa: E402
-from iwalker_jax.perception import CameraMount, Intrinsics  # noqa: E402
-from iwalker_jax.runtime import machine  # noqa: E402
-from iwalker_jax.scenes import (  # noqa: E402
+from benchmarks.suite.alone import Options, present
+from benchmarks.suite.contest import Contender, contest
+from benchmarks.suite.figures import Group, Work
+from iwalker_jax.perception import CameraMount, Intrinsics
+from iwalker_jax.scenes import (
     SceneArrays,
     generate_scene,
     load_mujoco_scene,
@@ -27,88 +32,86 @@ from iwalker_jax.scenes import (  # noqa: E402
 )
 
 SIZES = ((160, 80), (160, 90), (320, 160), (640, 320))
+QUICK_SIZES = ((160, 90),)
 SCENES = (("living_room", 1), ("factory_hall", 0), ("open_office", 1), ("lobby", 0))
 BATCH = 16
-REPEATS = 15
+_APART = 1e-4  # [m]
+
+View = tuple[int, jax.Array, jax.Array]
+"""Number of the scene, R_world_camera and p_world_camera."""
 
 
-def main() -> None:
-    """Print the table."""
-    scenes = [generate_scene(*key) for key in SCENES]
-    arrays = [scene.arrays() for scene in scenes]
-    peers = [load_mujoco_scene(scene) for scene in scenes]
-    stacked = stack_scenes([scenes[i % len(scenes)] for i in range(BATCH)])
-    mount = CameraMount().as_array()
-    rng = np.random.default_rng(0)
-    # Each scene is seen from its middle in four directions: what lies in view changes the cost.
+def views_of(scenes: list) -> list[View]:
+    """Four directions from the middle of every scene."""
+    mount, rng = CameraMount().as_array(), np.random.default_rng(0)
     views = []
     for i, scene in enumerate(scenes):
         x, y = (scene.bounds[0] + scene.bounds[2]) / 2, (scene.bounds[1] + scene.bounds[3]) / 2
         for yaw in np.arange(4) * np.pi / 2 + rng.uniform(0, 1):
             views.append((i, *world_camera_pose(jnp.asarray([x, y, yaw], jnp.float32), mount)))
-    counts = [len(scene.boxes) + len(scene.cylinders) for scene in scenes]
-    print(
-        f"{machine()}, mujoco {mujoco.__version__}; scenes of {counts} geoms; "
-        f"images a second, best and median over {REPEATS} runs"
-    )
-    print(
-        f"{'size':>9} {'compile s':>9} {'single best':>11} {'median':>7} {'slowest view':>12} {'batch poses':>11} "
-        f"{'batch scenes':>12} {'mj_multiRay':>11} {'ratio':>6} {'pixels apart > 1e-4 m':>22}"
-    )
-    for width, height in SIZES:
-        report(
-            Intrinsics(width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2),
-            arrays,
-            peers,
-            stacked,
-            views,
-        )
+    return views
 
 
-def report(
+def compare(
     intrinsics: Intrinsics,
     arrays: list[SceneArrays],
     peers: list[tuple[mujoco.MjModel, mujoco.MjData]],
     stacked: SceneArrays,
-    views: list[tuple[int, jax.Array, jax.Array]],
-) -> None:
-    """Measure one image size and print its row.
+    views: list[View],
+    repeats: int,
+) -> Group:
+    """One image size.
 
     Args:
         intrinsics: of the images.
         arrays, peers: the scenes here and in MuJoCo.
         stacked: a batch of scenes.
-        views: (number of the scene, R_world_camera, p_world_camera).
+        views: that are rendered one after the other.
+        repeats: turns.
     """
     single = jax.jit(lambda s, R, p: render_depth(s, intrinsics, R, p))
     over_poses = jax.jit(jax.vmap(lambda s, R, p: render_depth(s, intrinsics, R, p), in_axes=(None, 0, 0)))
     over_scenes = jax.jit(jax.vmap(lambda s, R, p: render_depth(s, intrinsics, R, p)))
+    on_host = [(i, np.asarray(R), np.asarray(p)) for i, R, p in views]
 
-    ours, theirs, apart = [], [], []
-    for i, R, p in views:
-        ours.append(timed(single, arrays[i], R, p, repeats=REPEATS))
-        model, data = peers[i]
-        R_host, p_host = np.asarray(R), np.asarray(p)
-        theirs.append(timed(mujoco_ray_depth, model, data, intrinsics, R_host, p_host, repeats=3))
-        peer = mujoco_ray_depth(model, data, intrinsics, R_host, p_host)
-        apart.append((abs(np.asarray(single(arrays[i], R, p)) - peer) > 1e-4).mean())
+    def rays() -> list[np.ndarray]:
+        return [mujoco_ray_depth(*peers[i], intrinsics, R, p) for i, R, p in on_host]
+
+    exact = np.stack(rays())
+
+    def apart(images: list[np.ndarray]) -> dict[str, float]:
+        return {f"pixels apart > {_APART:g} m": float(np.mean(np.abs(np.stack(images) - exact) > _APART))}
+
     own = [views[k % 4] for k in range(BATCH)]
     mixed = [views[4 * (k % len(arrays)) + (k // len(arrays)) % 4] for k in range(BATCH)]
     one_scene = arrays[0], jnp.stack([v[1] for v in own]), jnp.stack([v[2] for v in own])
     many_scenes = stacked, jnp.stack([v[1] for v in mixed]), jnp.stack([v[2] for v in mixed])
-    pose_rate = BATCH / timed(over_poses, *one_scene, repeats=REPEATS).best
-    scene_rate = BATCH / timed(over_scenes, *many_scenes, repeats=REPEATS).best
-    best = 1 / np.mean([t.best for t in ours])
-    median = 1 / np.mean([t.median for t in ours])
-    slowest = 1 / max(t.best for t in ours)
-    rays = 1 / np.mean([t.best for t in theirs])
-    print(
-        f"{intrinsics.width:>5}x{intrinsics.height:<3} {ours[0].first:>9.2f} {best:>11.0f} {median:>7.0f} "
-        f"{slowest:>12.0f} {pose_rate:>11.0f} {scene_rate:>12.0f} {rays:>11.0f} {best / rays:>6.1f} "
-        f"{np.mean(apart):>22.5%}"
-    )
+    work = Work(bytes=4.0 * intrinsics.width * intrinsics.height)
+
+    def one_by_one() -> list[jax.Array]:
+        return [single(arrays[i], R, p) for i, R, p in views]
+
+    rows = [
+        Contender("ours, one by one", "ours", one_by_one, len(views), apart, work),
+        Contender(f"ours, {BATCH} poses", "ours", lambda: over_poses(*one_scene), BATCH, None, work),
+        Contender(f"ours, {BATCH} poses and scenes", "ours", lambda: over_scenes(*many_scenes), BATCH, None, work),
+        Contender("mj_multiRay", "peer", rays, len(views), apart, compiles=False),
+    ]
+    return contest(f"{intrinsics.width} x {intrinsics.height} px", "an image", rows, repeats)
+
+
+def measure(options: Options) -> Iterator[Group]:
+    """All figures of this benchmark."""
+    scenes = [generate_scene(*key) for key in SCENES]
+    arrays = [scene.arrays() for scene in scenes]
+    peers = [load_mujoco_scene(scene) for scene in scenes]
+    stacked = stack_scenes([scenes[i % len(scenes)] for i in range(BATCH)])
+    views = views_of(scenes)
+    for width, height in QUICK_SIZES if options.quick else SIZES:
+        intrinsics = Intrinsics(width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2)
+        yield compare(intrinsics, arrays, peers, stacked, views, 3 if options.quick else 9)
 
 
 if __name__ == "__main__":
-    read_no_options(__doc__)
-    main()
+    options = tyro.cli(Options, description=__doc__)
+    present(measure(options), options)

@@ -1,31 +1,46 @@
-"""Signed distance field: error and speed against SciPy's and OpenCV's exact transforms on easy and hard maps.
+"""Signed distance field beside the exact transforms of SciPy, OpenCV and edt and scikit-fmm's marching, on hard maps.
 
-Run with `python -m benchmarks.distance_field`. Both peers do the same two-sided work: one transform a side.
+Run with `python -m benchmarks.distance_field`. All do the same two-sided work; SciPy's field is what errors are from.
 """
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 
-from benchmarks.extras import read_no_options, require
+from benchmarks.suite.extras import absent, require
 from iwalker_jax.runtime.settings import configure_runtime
 
-configure_runtime()
+if __name__ == "__main__":
+    configure_runtime()
 require("scipy")
 
 import cv2  # noqa: E402
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
-import scipy  # noqa: E402
-from scipy.ndimage import distance_transform_edt  # noqa: E402
+import tyro  # noqa: E402
 
-from benchmarks.timing import compiled, in_turns  # noqa: E402
+from benchmarks.peers.distance_fields import PACKAGES, PEERS, RESOLUTION, by_scipy  # noqa: E402
+from benchmarks.suite.alone import Options, present  # noqa: E402
+from benchmarks.suite.contest import Contender, contest  # noqa: E402
+from benchmarks.suite.figures import Group, Work  # noqa: E402
 from iwalker_jax.perception import signed_distance_field  # noqa: E402
-from iwalker_jax.runtime.devices import machine  # noqa: E402
 
-SIZES = (100, 160, 200, 400, 512)
 BATCH = 16
-RESOLUTION = 0.05
 DENSITIES = (0.001, 0.01, 0.1, 0.5)
+QUICK_MAPS = ("random 1.0%", "tilted rooms")
+
+
+@dataclass(frozen=True)
+class Config(Options):
+    """Time one map and batches of maps, and measure their errors.
+
+    Attributes:
+        sizes: rows and columns of the maps; 160 alone with --quick.
+    """
+
+    sizes: tuple[int, ...] = (100, 160, 200, 400, 512)
 
 
 def rooms(size: int, rng: np.random.Generator, tilted: bool) -> np.ndarray:
@@ -63,58 +78,44 @@ def benchmark_maps(size: int) -> dict[str, np.ndarray]:
     return maps
 
 
-def by_scipy(occupied: np.ndarray) -> np.ndarray:
-    """The same field by SciPy."""
-    signed = np.where(occupied, 0.5 - distance_transform_edt(occupied), distance_transform_edt(~occupied) - 0.5)
-    return RESOLUTION * signed
+def all_of(field: Callable[[np.ndarray], np.ndarray], maps: np.ndarray) -> np.ndarray:
+    """The fields of a batch, one after another: the peers have no batched call."""
+    return np.stack([field(occupied) for occupied in maps])
 
 
-def by_opencv(occupied: np.ndarray) -> np.ndarray:
-    """The same field by OpenCV."""
-    free = 1 - occupied.astype(np.uint8)
-    outside, inside = (cv2.distanceTransform(side, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for side in (free, 1 - free))
-    return RESOLUTION * np.where(occupied, 0.5 - inside, outside - 0.5)
+def worst_error(exact: np.ndarray, found: np.ndarray) -> dict[str, float]:
+    """Largest difference from the exact fields."""
+    return {"worst error [m]": float(np.max(np.abs(np.asarray(found) - exact)))}
 
 
-def by_opencv_all(maps: np.ndarray) -> list[np.ndarray]:
-    """The fields of a batch by OpenCV, one after another: it has no batched call."""
-    return [by_opencv(occupied) for occupied in maps]
-
-
-def main() -> None:
-    """Print the table."""
-    print(f"{machine()}, SciPy {scipy.__version__}, OpenCV {cv2.__version__} on {cv2.getNumThreads()} threads")
-    print(f"milliseconds a map, best (median); batch of {BATCH}; ratios of the best: below 1 the library is faster")
-    print(
-        f"{'size':>4} {'map':<14} {'error m':>8} {'single':>13} {'batch':>13} {'SciPy':>13} {'one side':>8} "
-        f"{'OpenCV':>13} {'single/SciPy':>12} {'batch/OpenCV':>12}"
-    )
+def measure(config: Config) -> Iterator[Group]:
+    """All figures of this benchmark."""
     single = jax.jit(lambda occupied: signed_distance_field(occupied, RESOLUTION))
     batched = jax.jit(jax.vmap(lambda occupied: signed_distance_field(occupied, RESOLUTION)))
-    for size in SIZES:
-        taken = compiled(single, jax.ShapeDtypeStruct((size, size), bool))[1]
+    peers = {name: peer.field for name, peer in PEERS.items() if find_spec(peer.module)}
+    for size in (160,) if config.quick else config.sizes:
+        work = Work(bytes=5.0 * size * size)
         for name, maps in benchmark_maps(size).items():
+            if config.quick and name not in QUICK_MAPS:
+                continue
+            exact = all_of(by_scipy, maps)
+            one, many = partial(worst_error, exact[0]), partial(worst_error, exact)
             first, device = jnp.asarray(maps[0]), jnp.asarray(maps)
-            error = max(np.abs(np.asarray(field) - by_scipy(m)).max() for field, m in zip(batched(device), maps))
-            error = max(error, np.abs(np.asarray(single(first)) - by_scipy(maps[0])).max())
-            one = in_turns(
-                {
-                    "single": partial(single, first),
-                    "scipy": partial(by_scipy, maps[0]),
-                    "one side": partial(distance_transform_edt, ~maps[0]),
-                },
-                repeats=9,
-            )
-            many = in_turns({"batch": partial(batched, device), "opencv": partial(by_opencv_all, maps)}, repeats=5)
-            batch, opencv = (times.each(BATCH) for times in many.values())
-            print(
-                f"{size:>4} {name:<14} {error:8.1e} {one['single'].milliseconds():>13} {batch.milliseconds():>13} "
-                f"{one['scipy'].milliseconds():>13} {1e3 * one['one side'].best:8.2f} {opencv.milliseconds():>13} "
-                f"{one['single'].best / one['scipy'].best:12.2f} {batch.best / opencv.best:12.2f}"
-            )
-        print(f"{size:>4} single map compiled, or loaded from the compilation cache, in {taken:.2f} s")
+            title = f"{size} x {size}, {name}"
+            theirs = [
+                Contender(peer, "peer", partial(field, maps[0]), 1, one, compiles=False)
+                for peer, field in peers.items()
+            ]
+            ours = Contender("ours", "ours", partial(single, first), 1, one, work)
+            yield contest(f"{title}, one map", "a map", [ours, *theirs], 15)
+            theirs = [
+                Contender(f"{peer}, one by one", "peer", partial(all_of, field, maps), BATCH, many, compiles=False)
+                for peer, field in peers.items()
+            ]
+            ours = Contender(f"ours, {BATCH} side by side", "ours", partial(batched, device), BATCH, many, work)
+            yield contest(f"{title}, {BATCH} maps", "a map", [ours, *theirs], 5)
 
 
 if __name__ == "__main__":
-    read_no_options(__doc__)
-    main()
+    options = tyro.cli(Config, description=__doc__)
+    present(measure(options), options, absent(PACKAGES))

@@ -1,24 +1,28 @@
-"""Depth to maps: speed of each stage at 160 x 90 px, and what the sensor's noise costs in quality.
+"""Depth to maps: speed of each stage at 160 x 90 px, beside NumPy and OpenCV, and what the sensor's noise costs.
 
 Run with `python -m benchmarks.local_map`. Quality compares the map of noisy frames with the map of the same frames
 without noise: recall is the share of occupied cells found again within one cell, phantoms are occupied cells more than
 0.1 m from any obstacle of the scene.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 
 from iwalker_jax.runtime.settings import configure_runtime
 
-configure_runtime()
+if __name__ == "__main__":
+    configure_runtime()
 
-import cv2  # noqa: E402
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
+import cv2
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
 
-from benchmarks.extras import read_no_options  # noqa: E402
-from benchmarks.timing import timed  # noqa: E402
-from iwalker_jax.perception import (  # noqa: E402
+from benchmarks.suite.alone import Options, present
+from benchmarks.suite.contest import Contender, contest
+from benchmarks.suite.figures import Fact, Group
+from iwalker_jax.perception import (
     DEFAULT_GRID,
     CameraMount,
     Intrinsics,
@@ -30,21 +34,20 @@ from iwalker_jax.perception import (  # noqa: E402
     frame_cells,
     signed_distance_field,
 )
-from iwalker_jax.perception.collision_map import (  # noqa: E402
+from iwalker_jax.perception.collision_map import (
     DEFAULT_OBSTACLES,
     occupancy_map,
     published_collision_map,
 )
-from iwalker_jax.runtime.devices import machine  # noqa: E402
-from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene  # noqa: E402
-from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise  # noqa: E402
-from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose  # noqa: E402
-from iwalker_jax.scenes.scene import SceneArrays, obstacle_distance  # noqa: E402
+from iwalker_jax.scenes.built.training_scenes import FAMILIES, generate_scene
+from iwalker_jax.scenes.depth_noise import DepthNoise, add_depth_noise
+from iwalker_jax.scenes.ray_casting import render_depth, world_camera_pose
+from iwalker_jax.scenes.scene import SceneArrays, obstacle_distance
 
 INTRINSICS = Intrinsics()
 BATCH = 16
-REPEATS = 40
 VIEWS = 45
+_QUICK_STAGES = 5
 RANGES = ((0.0, 2.0), (2.0, 3.0), (3.0, 4.0), (4.0, 7.0))
 
 
@@ -72,8 +75,8 @@ def views(count: int) -> list[tuple[SceneArrays, jax.Array, jax.Array]]:
     return found
 
 
-def speed_table(depth: jax.Array, mount: jax.Array) -> None:
-    """Stages in milliseconds a frame, alone and in a batch."""
+def stage_times(depth: jax.Array, mount: jax.Array, quick: bool) -> Iterator[Group]:
+    """Stages, alone and in a batch."""
     key, occupied = jax.random.key(0), occupancy_map(depth, mount, INTRINSICS)
     stages: dict[str, tuple[Callable, tuple[jax.Array, ...]]] = {
         "clean_depth": (clean_depth, (depth,)),
@@ -88,24 +91,20 @@ def speed_table(depth: jax.Array, mount: jax.Array) -> None:
         "fit_floor": (lambda d: fit_floor(d, INTRINSICS), (depth,)),
         "add_depth_noise": (lambda k, d: add_depth_noise(k, d, DepthNoise(), INTRINSICS), (key, depth)),
     }
-    print(f"{'stage':36s} {'first call':>10s} {'min':>8s} {'median':>8s}   batch of {BATCH}, a frame")
-    for name, (function, arguments) in stages.items():
-        one = timed(jax.jit(function), *arguments, repeats=REPEATS)
+    for name, (function, arguments) in list(stages.items())[: _QUICK_STAGES if quick else None]:
         many = [jnp.stack([argument] * BATCH) for argument in arguments]
-        each = timed(jax.jit(jax.vmap(function)), *many, repeats=REPEATS).each(BATCH)
-        print(
-            f"{name:36s} {one.first:8.2f} s {1e3 * one.best:8.3f} {1e3 * one.median:8.3f}   "
-            f"min {1e3 * each.best:.3f}, median {1e3 * each.median:.3f} ms"
-        )
-    points = np.asarray(backproject(depth, INTRINSICS, mount))
-    peer = timed(lambda: numpy_published(np.asarray(depth), points, float(mount[0])), repeats=REPEATS)
-    print(
-        f"{'peer: published map, NumPy + OpenCV':36s} {'':10s} {1e3 * peer.best:8.3f} {1e3 * peer.median:8.3f}   "
-        f"(points ready-made)"
-    )
+        rows = [
+            Contender("ours, one frame", "ours", partial(jax.jit(function), *arguments)),
+            Contender(f"ours, {BATCH} frames", "ours", partial(jax.jit(jax.vmap(function)), *many), BATCH),
+        ]
+        if name == "published_collision_map":
+            ready = np.asarray(depth), np.asarray(backproject(depth, INTRINSICS, mount)), float(mount[0])
+            peer = partial(numpy_published, *ready)
+            rows.append(Contender("NumPy and OpenCV, points ready-made", "peer", peer, compiles=False))
+        yield contest(name, "a frame", rows, 10 if quick else 40)
 
 
-def quality_table(frames: list[tuple[SceneArrays, jax.Array, jax.Array]]) -> None:
+def noise_costs(frames: list[tuple[SceneArrays, jax.Array, jax.Array]]) -> Iterator[Fact]:
     """Recall, phantoms and free cells of noisy frames by distance."""
     centres = DEFAULT_GRID.centres()
 
@@ -122,25 +121,27 @@ def quality_table(frames: list[tuple[SceneArrays, jax.Array, jax.Array]]) -> Non
     reference, found, free, distance = (np.stack(column) for column in zip(*results))
     near = np.stack([cv2.dilate(m.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0 for m in found])
     reach = np.linalg.norm(np.asarray(centres), axis=-1)
-    print(f"\nnoisy frames ({len(frames)} views)   recall   phantom cells a frame   solid among free")
     for low, high in RANGES:
         ring = (reach >= low) & (reach < high)
         recall = (reference & near & ring).sum() / max((reference & ring).sum(), 1)
         phantoms = (found & ring & (distance > 0.1)).sum() / len(frames)
         solid = (free & ring & (distance < -0.05)).sum() / max((free & ring).sum(), 1)
-        print(f"  {low:g}-{high:g} m {'':17s} {recall:8.3f} {phantoms:12.2f} {100 * solid:21.2f} %")
+        ends = f"{low:g} to {high:g} m"
+        yield Fact(f"noisy frames, {ends}: recall", recall)
+        yield Fact(f"noisy frames, {ends}: phantom cells", phantoms, "a frame")
+        yield Fact(f"noisy frames, {ends}: solid among free", 100 * solid, "%")
 
 
-def main() -> None:
-    """Print the tables."""
-    print(f"{machine()}\n")
-    frames = views(VIEWS)
+def measure(options: Options) -> Iterator[Group | Fact]:
+    """All figures of this benchmark."""
+    frames = views(1 if options.quick else VIEWS)
     scene, pose, mount = frames[0]
     depth = jax.jit(lambda s, p, m: render_depth(s, INTRINSICS, *world_camera_pose(p, m)))(scene, pose, mount)
-    speed_table(depth, mount)
-    quality_table(frames)
+    yield from stage_times(depth, mount, options.quick)
+    if not options.quick:
+        yield from noise_costs(frames)
 
 
 if __name__ == "__main__":
-    read_no_options(__doc__)
-    main()
+    options = tyro.cli(Options, description=__doc__)
+    present(measure(options), options)

@@ -1,33 +1,35 @@
-"""General QPs: accuracy and speed side by side with quadprog, OSQP and ProxQP, Clarabel being the judge.
+"""General QPs of a walking humanoid, beside quadprog, DAQP, ProxQP, OSQP, qpax, Moreau and MPAX; Clarabel judges.
 
 Run with `python -m benchmarks.qp`; `--devices 2` spreads batches over two host devices, `--file stack.npz` reads logged
 programs (stacked P, q, C, low, high as written by `QuadraticProgram.save`, one robot, in time order).
 """
 
-import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
+from pathlib import Path
 
-from benchmarks.extras import require
+from benchmarks.suite.extras import absent, require
 from iwalker_jax.runtime.settings import configure_runtime, requested_devices
 
-configure_runtime(requested_devices(sys.argv))
-require("clarabel", "osqp", "quadprog", "scipy")
+if __name__ == "__main__":
+    configure_runtime(requested_devices(sys.argv))
+require("clarabel", "scipy")
 
-import clarabel  # noqa: E402
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
-import osqp  # noqa: E402
-import quadprog  # noqa: E402
-import scipy.sparse as sparse  # noqa: E402
+import tyro  # noqa: E402
 from jax.sharding import Mesh, PartitionSpec  # noqa: E402
 
+from benchmarks.peers.qp_solvers import IN_BATCHES, ONE_BY_ONE, PACKAGES, Peer, Programs, clarabel_points  # noqa: E402
 from benchmarks.problems.hard_qps import hard_qps  # noqa: E402
 from benchmarks.problems.whole_body_qps import whole_body_qps  # noqa: E402
-from benchmarks.timing import compiled, timed  # noqa: E402
+from benchmarks.suite.alone import Options, present  # noqa: E402
+from benchmarks.suite.contest import Contender, contest  # noqa: E402
+from benchmarks.suite.figures import Fact, Group, Work  # noqa: E402
 from iwalker_jax.optimization import (  # noqa: E402
     QpPoint,
     QpSettings,
@@ -39,69 +41,23 @@ from iwalker_jax.optimization import (  # noqa: E402
     load_program,
     solve_qp,
 )
-from iwalker_jax.runtime.devices import machine  # noqa: E402
-
-Arrays = tuple[np.ndarray, ...]
-REPEATS = 7
 
 
-def stacked_rows(C: np.ndarray, low: np.ndarray, high: np.ndarray, slack: float = 0.0) -> tuple[np.ndarray, ...]:
-    """Equality rows first, then G x >= h, and the number of equalities."""
-    equal = (low == high) & (slack == 0)
-    below, above = np.isfinite(low) & ~equal, np.isfinite(high) & ~equal
-    G = np.concatenate([C[equal], C[below], -C[above]])
-    h = np.concatenate([low[equal], low[below] - slack, -high[above] - slack])
-    return G, h, np.asarray(equal.sum())
+@dataclass(frozen=True)
+class Config(Options):
+    """Time QPs one by one and in batches, and judge the answers.
 
+    Attributes:
+        devices: host devices to spread batches over.
+        file: logged programs to use instead of generated ones.
+        batches: robots whose programs are solved side by side.
+        ticks: programs of a robot; 50 with --quick.
+    """
 
-def clarabel_solver(P: np.ndarray, q: np.ndarray, C: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The judge, at 1e-10."""
-    G, h, equalities = stacked_rows(C, low, high)
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
-    cones = [clarabel.ZeroConeT(int(equalities)), clarabel.NonnegativeConeT(len(h) - int(equalities))]
-    solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(P)), q, sparse.csc_matrix(-G), -h, cones, settings)
-    return np.asarray(solver.solve().x)
-
-
-def quadprog_solver(P: np.ndarray, q: np.ndarray, C: np.ndarray, low: np.ndarray, high: np.ndarray) -> Callable:
-    """Goldfarb and Idnani in C; bounds are relaxed by 1e-8 because it calls exactly degenerate ones inconsistent."""
-    G, h, equalities = stacked_rows(C, low, high, 1e-8)
-    rows = np.ascontiguousarray(G.T)
-    return lambda: quadprog.solve_qp(P, -q, rows, h, int(equalities))[0]
-
-
-def osqp_solver(P: np.ndarray, q: np.ndarray, C: np.ndarray, low: np.ndarray, high: np.ndarray) -> Callable:
-    """OSQP's own default accuracy made finer, without its set-up in the time."""
-    solver = osqp.OSQP()
-    solver.setup(
-        sparse.csc_matrix(np.triu(P)),
-        q,
-        sparse.csc_matrix(C),
-        low,
-        high,
-        verbose=False,
-        warm_starting=False,
-        eps_abs=1e-5,
-        eps_rel=1e-5,
-    )
-    return lambda: solver.solve().x
-
-
-def proxqp_solver(P: np.ndarray, q: np.ndarray, C: np.ndarray, low: np.ndarray, high: np.ndarray) -> Callable:
-    """ProxQP's dense back end, if installed."""
-    import proxsuite
-
-    solver = proxsuite.proxqp.dense.QP(len(q), 0, len(low))
-    solver.settings.eps_abs = 1e-6
-    solver.init(P, q, None, None, C, np.maximum(low, -1e20), np.minimum(high, 1e20))
-
-    def solve() -> np.ndarray:
-        solver.solve()
-        return np.asarray(solver.results.x)
-
-    return solve
+    devices: int = 1
+    file: Path | None = None
+    batches: tuple[int, ...] = (16, 64, 256)
+    ticks: int = 250
 
 
 def walk_tick(settings: QpSettings, guesses: QpPoint, problems: QuadraticProgram) -> tuple[QpPoint, Solution]:
@@ -112,7 +68,7 @@ def walk_tick(settings: QpSettings, guesses: QpPoint, problems: QuadraticProgram
 
 
 def scan_walk(stack: QuadraticProgram, batch: int, settings: QpSettings) -> Callable[[], Solution]:
-    """Compile a scan over time; robots of a batch start at different times of the log and go round.
+    """A scan over time; robots of a batch start at different times of the log and go round.
 
     All read the one log, as the peers do: a copy for every robot would time the memory instead.
     """
@@ -135,60 +91,99 @@ def scan_walk(stack: QuadraticProgram, batch: int, settings: QpSettings) -> Call
         walk = jax.shard_map(
             walk, mesh=mesh, in_specs=(robots, robots, PartitionSpec()), out_specs=ticks, check_vma=False
         )
-    program, taken = compiled(jax.jit(walk), start, offsets, stack)
-    print(f"    batch {batch}: compiled, or loaded from the cache, in {taken:.1f} s")
-    return partial(program, start, offsets, stack)
+    return partial(jax.jit(walk), start, offsets, stack)
 
 
-def solve_all(solvers: list[Callable], answers: list[np.ndarray]) -> None:
-    """Solve program after program; no value is returned, so that none is searched for JAX arrays in the time."""
-    answers[:] = [solve() for solve in solvers]
+class Judge:
+    """Errors of points (T, n) of the programs, or of their first ones, beside an interior-point method's.
+
+    The objective's gap is relative to the optimum's size, the violation to the largest variable, and the error of the
+    torques, which are what a walk uses of a solution, to the largest torque of its program.
+    """
+
+    def __init__(self, programs: Programs, torque_map: np.ndarray, torque_offset: np.ndarray) -> None:
+        self._programs, self._map, self._offset = programs, torque_map, torque_offset
+        self._exact = clarabel_points(programs)
+
+    def __call__(self, points: np.ndarray) -> dict[str, float]:
+        count = len(points)
+        programs = Programs(*(leaf[:count] for leaf in self._programs))
+        exact, rows = self._exact[:count], self._map[:count]
+        best = programs.objective(exact)
+        gap = np.abs(programs.objective(points) - best) / np.maximum(np.abs(best), 1.0)
+        outside = programs.violation(points) / np.max(np.abs(points), axis=1)
+        torque = np.max(np.abs(np.einsum("tij,tj->ti", rows, exact) + self._offset[:count]), axis=1)
+        error = np.max(np.abs(np.einsum("tij,tj->ti", rows, points - exact)), axis=1) / torque
+        return {
+            "worst gap": float(gap.max()),
+            "worst violation": float(outside.max()),
+            "torque error, 99 %": float(np.quantile(error, 0.99)),
+            "torque error, worst": float(error.max()),
+        }
+
+    def ours(self, solution: Solution) -> dict[str, float]:
+        """Errors of a roll-out's points: of its first robot, which begins at the beginning."""
+        x = np.asarray(solution.value.x, float)
+        return self(x if x.ndim == 2 else x[:, 0])
 
 
-def quality(x: np.ndarray, expected: np.ndarray, problems: Arrays, torque_map: np.ndarray, offset: np.ndarray) -> str:
-    """Relative torque error (median, 99 %, worst) and worst violation relative to the largest variable."""
-    torque = np.einsum("tij,tj->ti", torque_map, expected) + offset
-    error = np.max(np.abs(np.einsum("tij,tj->ti", torque_map, x - expected)), axis=1) / np.max(np.abs(torque), axis=1)
-    value = np.einsum("tij,tj->ti", problems[2], x)
-    violation = np.max(np.maximum(np.maximum(value - problems[4], problems[3] - value), 0), axis=1)
-    relative = violation / np.max(np.abs(x), axis=1)
-    return f"{np.median(error):8.0e} {np.quantile(error, 0.99):8.0e} {np.max(error):8.0e} {np.max(relative):10.0e}"
+def least_work(programs: Programs, side_by_side: int) -> Work:
+    """One factorisation of P, one reading of the program, and its share of a step of the loop over time."""
+    n, m = programs.q.shape[1], programs.low.shape[1]
+    return Work(n**3 / 3, 4.0 * (n * n + n + m * n + 2 * m), 1 / side_by_side)
 
 
-def compare(name: str, problems: Arrays, torque_map: np.ndarray, offset: np.ndarray, batches: tuple[int, ...]) -> None:
-    """Print one table."""
-    length, n = problems[1].shape
-    print(f"\n{name}: {n} variables, {problems[3].shape[1]} rows, {length} ticks")
-    expected = np.stack([clarabel_solver(*(a[t] for a in problems)) for t in range(length)])
-    P, q, C, low, high = (jnp.asarray(a, jnp.float32) for a in problems)
+def peers_of(table: dict[str, Peer], programs: Programs, judge: Judge) -> Iterator[Contender]:
+    """Those that are installed."""
+    for name, peer in table.items():
+        if find_spec(peer.module) is not None:
+            given = Programs(*(leaf[: peer.most] for leaf in programs)) if peer.most else programs
+            yield Contender(name, "peer", peer.make(given), len(given.q), judge, compiles=peer.compiles)
+
+
+def compare(
+    name: str, programs: Programs, torque_map: np.ndarray, offset: np.ndarray, config: Config
+) -> Iterator[Group]:
+    """Programs one by one, in time order, and in batches."""
+    length, n = programs.q.shape
+    size = f"{n} variables, {programs.low.shape[1]} rows"
+    judge = Judge(programs, torque_map, offset)
+    P, q, C, low, high = (jnp.asarray(leaf, jnp.float32) for leaf in programs)
     stack = QuadraticProgram(P, q, C, low, high)
-    lines = []
-    peers = {"quadprog": quadprog_solver, "OSQP 1e-5": osqp_solver}
-    if find_spec("proxsuite"):
-        peers["ProxQP 1e-6"] = proxqp_solver
-    for peer, make in peers.items():
-        solvers = [make(*(a[t] for a in problems)) for t in range(length)]
-        answers: list[np.ndarray] = []
-        each = timed(solve_all, solvers, answers, repeats=3).each(length)
-        lines.append((peer, 1, each, quality(np.stack(answers), expected, problems, torque_map, offset), ""))
-    for label, settings in (("control", control_settings()), ("default", QpSettings())):
-        for batch in batches if label == "control" else batches[:2]:
-            call = scan_walk(stack, batch, settings)
-            solution, each = call(), timed(call, repeats=REPEATS).each(length * batch)
-            x = np.asarray(solution.value.x if batch == 1 else solution.value.x[:, 0], float)
-            converged, pivots = np.mean(solution.status == Status.CONVERGED), np.mean(solution.iterations)
-            rated = quality(x, expected, problems, torque_map, offset)
-            note = f"{100 * converged:.1f} % converged, {pivots:.1f} pivots"
-            lines.append((f"ours, {label}", batch, each, rated, note))
-    print(f"  {'solver':<15} {'batch':>5} {'us a QP':>16}   torque error 50 / 99 / 100 %   violation")
-    for solver, batch, each, rated, note in lines:
-        print(f"  {solver:<15} {batch:>5} {1e6 * each.best:7.1f} ({1e6 * each.median:6.1f}) {rated}   {note}")
+    repeats = 5 if config.quick else 9
+    alone = [
+        Contender(f"ours, {label}", "ours", scan_walk(stack, 1, settings), length, judge.ours, least_work(programs, 1))
+        for label, settings in (("control", control_settings()), ("default", QpSettings()))
+    ]
+    yield contest(
+        f"{name}: {size}, one at a time, {length} in time order",
+        "a QP",
+        [*alone, *peers_of(ONE_BY_ONE, programs, judge)],
+        repeats,
+    )
+    batches = config.batches[1:2] if config.quick else config.batches
+    together = [
+        Contender(
+            f"ours, control, {batch} side by side",
+            "ours",
+            scan_walk(stack, batch, control_settings()),
+            length * batch,
+            judge.ours,
+            least_work(programs, batch),
+        )
+        for batch in batches
+    ]
+    yield contest(
+        f"{name}: {size}, many at once",
+        "a QP",
+        [*together, *peers_of(IN_BATCHES, programs, judge)],
+        repeats,
+    )
 
 
-def hard_statuses(seeds: int) -> None:
-    """Count how hard programs end, in single precision."""
+def hard_statuses(seeds: int) -> Iterator[Fact]:
+    """How hard programs end, in single precision."""
     solve = jax.jit(solve_qp)
-    print(f"\nHard programs, {seeds} of each kind, single precision")
     ends: dict[str, list[str]] = {}
     for seed in range(seeds):
         for name, case in hard_qps(seed).items():
@@ -197,32 +192,29 @@ def hard_statuses(seeds: int) -> None:
                 Status(int(solve(QuadraticProgram(P, q, C, low, high)).status)).name.lower()
             )
     for name, found in ends.items():
-        print(f"  {name:<42} " + ", ".join(f"{found.count(s)} {s}" for s in sorted(set(found))))
+        for status in sorted(set(found)):
+            yield Fact(f"hard program, {name}: {status}", found.count(status), f"of {seeds}")
 
 
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--devices", type=int, default=1, help="host devices to spread batches over")
-    parser.add_argument("--file", help="logged programs to use instead of generated ones")
-    parser.add_argument("--batches", type=int, nargs="+", default=[1, 16, 64, 256])
-    parser.add_argument("--ticks", type=int, default=250)
-    arguments = parser.parse_args()
-    batches = tuple(arguments.batches)
-    print(f"{machine()}; microseconds a QP, best (median); peers in double precision on one core")
-    if arguments.file:
-        stack = load_program(arguments.file)
-        problems = tuple(a[: arguments.ticks].astype(float) for a in stack.arrays())
+def measure(config: Config) -> Iterator[Group | Fact]:
+    """All figures of this benchmark."""
+    ticks = min(config.ticks, 50) if config.quick else config.ticks
+    if config.file is not None:
+        stack = load_program(config.file)
+        programs = Programs(*(leaf[:ticks].astype(float) for leaf in stack.arrays()))
         start = sum(count for name, count in stack.blocks if name != "torque") if stack.blocks else 0
-        rows = problems[2][:, start:]
-        compare(arguments.file, problems, rows, np.zeros(rows.shape[:2]), batches)
+        rows = programs.C[:, start:]
+        yield from compare(config.file.name, programs, rows, np.zeros(rows.shape[:2]), config)
         return
-    for name, eliminate in (("base eliminated", True), ("base kept", False)):
-        walk = whole_body_qps(arguments.ticks, eliminate=eliminate)
-        problems = (walk.P, walk.q, walk.C, walk.low, walk.high)
-        compare(f"Whole body, {name}", problems, walk.torque_map, walk.torque_offset, batches)
-    hard_statuses(10)
+    kinds = {"whole body, base eliminated": True, "whole body, base kept": False}
+    for name, eliminate in list(kinds.items())[: 1 if config.quick else 2]:
+        walk = whole_body_qps(ticks, eliminate=eliminate)
+        programs = Programs(walk.P, walk.q, walk.C, walk.low, walk.high)
+        yield from compare(name, programs, walk.torque_map, walk.torque_offset, config)
+    if not config.quick:
+        yield from hard_statuses(10)
 
 
 if __name__ == "__main__":
-    main()
+    options = tyro.cli(Config, description=__doc__)
+    present(measure(options), options, absent(PACKAGES))

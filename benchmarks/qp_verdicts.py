@@ -5,10 +5,10 @@ answers called CONVERGED that are not, solvable programs called INFEASIBLE, UNBO
 valid where there are none, and answers that do not claim anything.
 """
 
-import argparse
-import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 
-from benchmarks.extras import require
+from benchmarks.suite.extras import require
 from iwalker_jax.runtime.settings import configure_runtime
 
 if __name__ == "__main__":
@@ -20,10 +20,29 @@ import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 import scipy.sparse as sparse  # noqa: E402
+import tyro  # noqa: E402
 from scipy.optimize import linprog  # noqa: E402
 
 from benchmarks.problems.ugly_qps import UglyQp, ugly_qps  # noqa: E402
+from benchmarks.suite.alone import Options, present  # noqa: E402
+from benchmarks.suite.figures import Fact  # noqa: E402
 from iwalker_jax.optimization import QuadraticProgram, Status, solve_qp  # noqa: E402
+
+
+@dataclass(frozen=True)
+class Config(Options):
+    """Count false statements.
+
+    Attributes:
+        count: programs of each character; 50 with --quick.
+        seed: of the programs.
+        double: double precision.
+    """
+
+    count: int = 1000
+    seed: int = 0
+    double: bool = False
+
 
 _COUNTS = ("wrong", "false infeasible", "false other", "false derivative", "no claim")
 _WRONG = 1e-2  # of the cost's own terms, or of a row's
@@ -125,23 +144,18 @@ def count_verdicts(count: int, seed: int, dtype: type[np.floating]) -> dict[str,
     return table
 
 
-def main() -> int:
-    """Print the table; 1 if anything claimed is false."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=1000, help="programs of each character")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--double", action="store_true", help="double precision")
-    arguments = parser.parse_args()
-    jax.config.update("jax_enable_x64", arguments.double)
-    table = count_verdicts(arguments.count, arguments.seed, np.float64 if arguments.double else np.float32)
-    print(f"{arguments.count} programs of each character, {'double' if arguments.double else 'single'} precision")
-    print(f"  {'':<30}" + "".join(f"{word:>18}" for word in _COUNTS))
-    for name, row in table.items():
-        print(f"  {name.replace('_', ' '):<30}" + "".join(f"{row[word]:>18}" for word in _COUNTS))
-    false = {word: sum(row[word] for row in table.values()) for word in _COUNTS}
-    print(f"  {'all':<30}" + "".join(f"{false[word]:>18}" for word in _COUNTS))
-    return int(any(false[word] for word in _COUNTS[:-1]))
+def measure(config: Config) -> Iterator[Fact]:
+    """Counts of every character that has any, and of all of them."""
+    jax.config.update("jax_enable_x64", config.double)
+    count = min(config.count, 50) if config.quick else config.count
+    found = count_verdicts(count, config.seed, np.float64 if config.double else np.float32)
+    for word in _COUNTS:
+        for name, row in found.items():
+            if row[word]:
+                yield Fact(f"{name.replace('_', ' ')}: {word}", row[word], f"of {count}")
+        yield Fact(f"all characters: {word}", sum(row[word] for row in found.values()), f"of {count * len(found)}")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    options = tyro.cli(Config, description=__doc__)
+    present(measure(options), options)

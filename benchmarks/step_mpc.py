@@ -1,15 +1,17 @@
-"""Step MPC: time and error beside OSQP, Clarabel and our own general QP solver on the same problems.
+"""Step MPC beside OSQP, Clarabel and our own general QP solver on the same problems.
 
 Run: python -m benchmarks.step_mpc [--horizon 20] [--batch 16]
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
-from benchmarks.extras import require
+from benchmarks.suite.extras import require
 from iwalker_jax.runtime.settings import configure_runtime
 
-configure_runtime()
+if __name__ == "__main__":
+    configure_runtime()
 require("clarabel", "osqp", "scipy")
 
 import clarabel  # noqa: E402
@@ -22,7 +24,9 @@ from jaxtyping import Array  # noqa: E402
 from scipy import sparse  # noqa: E402
 
 from benchmarks.problems.step_qps import StepQp, build_step_qp, irregular_walk  # noqa: E402
-from benchmarks.timing import timed  # noqa: E402
+from benchmarks.suite.alone import Options, present  # noqa: E402
+from benchmarks.suite.contest import Contender, contest  # noqa: E402
+from benchmarks.suite.figures import Fact, Group, Work  # noqa: E402
 from iwalker_jax.optimization import (  # noqa: E402
     HlipParameters,
     QuadraticProgram,
@@ -34,26 +38,25 @@ from iwalker_jax.optimization import (  # noqa: E402
     solve_step_mpc,
     step_bounds,
 )
-from iwalker_jax.runtime.devices import machine  # noqa: E402
 
 Plan = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
-class Config:
+class Config(Options):
     """Sizes of the benchmark.
 
     Attributes:
         horizon: steps a problem.
         batch: problems a batch.
         noise: irregularity of the wanted footsteps [m].
-        repeats: timed calls.
+        repeats: turns; 15 with --quick.
     """
 
     horizon: int = 20
     batch: int = 16
     noise: float = 0.02
-    repeats: int = 100
+    repeats: int = 40
 
 
 def clarabel_solver(qp: StepQp, low: np.ndarray, high: np.ndarray) -> clarabel.DefaultSolver:
@@ -100,48 +103,62 @@ def general_program(qp: StepQp, low: np.ndarray, high: np.ndarray) -> QuadraticP
     return QuadraticProgram(P, q, C, lowest, highest)
 
 
-def row(name: str, call: Callable[[], object], count: int, error: float, repeats: int) -> float:
-    """Print one line and return the time of one problem [ms]."""
-    first, best, median = (1e3 * seconds for seconds in timed(call, repeats=repeats))
-    print(f"{name:34s}{first:10.1f}{best:10.3f}{median:10.3f}{best / count:11.4f}{error:12.1e}")
-    return best / count
+def osqp_again(solver: osqp.OSQP, variables: int, rows: int) -> np.ndarray:
+    """The answer from no guess."""
+    solver.warm_start(x=np.zeros(variables), y=np.zeros(rows))
+    return np.asarray(solver.solve(raise_error=False).x)
 
 
-def compare(title: str, plan: Plan, low: np.ndarray, high: np.ndarray, config: Config) -> None:
-    """Print the table of one planner beside general solvers with the same bounds."""
+def compare(title: str, plan: Plan, low: np.ndarray, high: np.ndarray, config: Config) -> Iterator[Group | Fact]:
+    """One planner beside general solvers with the same bounds."""
     walks = [irregular_walk(config.horizon, seed, config.noise) for seed in range(config.batch)]
     problems = tuple(np.stack(x).astype(np.float32) for x in zip(*walks))
     qps = [build_step_qp(*walk[:2], HlipParameters(), StepMpcWeights(), walk[2]) for walk in walks]
     exact = np.stack([qp.unpack(np.asarray(clarabel_solver(qp, low, high).solve().x))[0] for qp in qps])
-    first = tuple(x[0] for x in problems)
-    one, many = jax.jit(plan), jax.jit(jax.vmap(plan))
+    first, repeats = tuple(x[0] for x in problems), 15 if config.quick else config.repeats
+    many = jax.jit(jax.vmap(plan))
     slope = jax.jit(jax.grad(lambda f, x, h: jnp.sum((jax.vmap(plan)(f, x, h)[0] - f) ** 2), (0, 1)))
-    footsteps, status = jax.jit(jax.vmap(plan))(*problems)
-    good = np.asarray(status) == Status.CONVERGED
-    error = 1e3 * float(np.abs(np.asarray(footsteps)[good] - exact[good]).max())
-    print(f"\n{title}: {good.sum()} of {len(good)} converged")
-    print(f"{'':34s}{'first ms':>10s}{'min ms':>10s}{'median ms':>10s}{'a problem':>11s}{'error mm':>12s}")
-    single = row("one problem", lambda: one(*first), 1, error, config.repeats)
-    batch = row(f"batch of {config.batch}", lambda: many(*problems), config.batch, error, config.repeats)
-    row("batch, forward and backward", lambda: slope(*problems), config.batch, error, config.repeats)
-    for tolerance in (1e-3, 1e-7):
-        solver = osqp_solver(qps[0], low, high, tolerance)
-        z = np.asarray(solver.solve(raise_error=False).x)
-        zeros = np.zeros_like(z), np.zeros(len(qps[0].drift) + len(high))
 
-        def again(solver: osqp.OSQP = solver, zeros: tuple = zeros) -> object:
-            solver.warm_start(x=zeros[0], y=zeros[1])
-            return solver.solve(raise_error=False).info.iter
+    def apart(answer: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
+        footsteps = answer[0] if np.ndim(answer[0]) == 3 else answer[0][None]
+        good = np.atleast_1d(answer[1]) == Status.CONVERGED
+        return {"worst error [mm]": 1e3 * float(np.abs(footsteps - exact[: len(footsteps)])[good].max())}
 
-        error = 1e3 * float(np.abs(qps[0].unpack(z)[0] - exact[0]).max())
-        peer = row(f"OSQP {tolerance:g}, factorised before", again, 1, error, 20)
-        print(f"{'':34s}takes {peer / single:.1f} x our time for one problem, {peer / batch:.1f} x in a batch")
-    program = general_program(qps[0], low, high)
-    general = jax.jit(solve_qp)
-    solution = general(program)
-    error = 1e3 * float(np.abs(qps[0].unpack(np.asarray(solution.value.x, float))[0] - exact[0]).max())
-    row(f"solve_qp, {Status(int(solution.status)).name.lower()}", lambda: general(program), 1, error, 20)
-    row("Clarabel, with its set-up", lambda: clarabel_solver(qps[0], low, high).solve().status, 1, 0.0, 20)
+    def by_point(z: np.ndarray) -> dict[str, float]:
+        return {"worst error [mm]": 1e3 * float(np.abs(qps[0].unpack(np.asarray(z, float))[0] - exact[0]).max())}
+
+    work = Work(bytes=4.0 * config.horizon * 8, steps=2.0 * config.horizon)
+    general = partial(jax.jit(solve_qp), general_program(qps[0], low, high))
+    sizes = len(qps[0].linear), len(qps[0].drift) + len(high)
+    rows = [
+        Contender("ours, one problem", "ours", partial(jax.jit(plan), *first), 1, apart, work),
+        Contender(f"ours, {config.batch} side by side", "ours", partial(many, *problems), config.batch, apart),
+        *([] if config.quick else [Contender("our solve_qp", "ours", lambda: general().value.x, 1, by_point)]),
+        *(
+            Contender(
+                f"OSQP {tolerance:g}, factorised before",
+                "peer",
+                partial(osqp_again, osqp_solver(qps[0], low, high, tolerance), *sizes),
+                1,
+                by_point,
+                compiles=False,
+            )
+            for tolerance in (1e-3, 1e-7)
+        ),
+        Contender(
+            "Clarabel, with its set-up",
+            "peer",
+            lambda: np.asarray(clarabel_solver(qps[0], low, high).solve().x),
+            1,
+            by_point,
+            compiles=False,
+        ),
+    ]
+    yield contest(f"{title}, {config.horizon} steps", "a problem", rows, repeats)
+    learned = Contender(f"ours, {config.batch} side by side", "ours", partial(slope, *problems), config.batch)
+    yield contest(f"{title}, {config.horizon} steps, with gradient", "a problem", [learned], repeats)
+    converged = np.asarray(many(*problems)[1]) == Status.CONVERGED
+    yield Fact(f"{title}: converged", float(converged.sum()), f"of {len(converged)}")
 
 
 def free_plan(f: Array, x: Array, h: Array) -> tuple[Array, Array]:
@@ -156,15 +173,14 @@ def bounded_plan(f: Array, x: Array, h: Array) -> tuple[Array, Array]:
     return solution.value.footsteps, solution.status
 
 
-def main(config: Config) -> None:
-    """Print one table for the closed-form MPC and one for the bounded one."""
-    print(f"{machine()}, float32; peers in float64")
-    print(f"N = {config.horizon}, batch {config.batch}, footsteps irregular by {config.noise} m")
+def measure(config: Config) -> Iterator[Group | Fact]:
+    """The closed-form MPC and the bounded one."""
     low, high = (np.ravel(x) for x in step_bounds(StepReach(), jnp.asarray(1.0), config.horizon))
     infinite = np.full_like(high, np.inf)
-    compare("closed form", free_plan, -infinite, infinite, config)
-    compare("bounded", bounded_plan, low, high, config)
+    yield from compare("closed form", free_plan, -infinite, infinite, config)
+    yield from compare("bounded", bounded_plan, low, high, config)
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Config))
+    options = tyro.cli(Config, description=__doc__)
+    present(measure(options), options)

@@ -1,36 +1,41 @@
-"""Training speed: frames a second of whole steps and the price of each part (`python -m benchmarks.training_speed`).
+"""Training speed: whole steps beside the network alone, and the price of each part of a step.
 
-The peer is the same network's forward and backward pass alone, with a loss that costs nothing; what a step takes beyond
-it and Adam is the price of the two lower-level optimisations, the map costs and gathering the batch. Maps are made once
-before training, so their price is shown apart. `--paper` measures the published set-up instead, on images of 90 x 160
-and of 360 x 640, and says how long one pass and all passes through the published number of frames take.
+Run with `python -m benchmarks.training_speed`. The peer is the same network's forward and backward pass alone, with a
+loss that costs nothing; what a step takes beyond it and Adam is the price of the two lower-level optimisations, the map
+costs and gathering the batch. Maps are made once before training, so their price is shown apart. `--paper` measures the
+published set-up instead, on images of 90 x 160 and of 360 x 640, and says how long one pass and all passes through the
+published number of frames take.
 """
 
-import argparse
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from iwalker_jax.runtime.settings import configure_runtime
 
-configure_runtime()
+if __name__ == "__main__":
+    configure_runtime()
 
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-import optax  # noqa: E402
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import tyro
 
-from benchmarks.timing import in_turns, timed  # noqa: E402
-from iwalker_jax.data.frame_set import DEPTH_UNIT, FrameSet  # noqa: E402
-from iwalker_jax.data.sources import DataConfig, load_training_frames  # noqa: E402
-from iwalker_jax.geometry import resample_by_arc_length  # noqa: E402
-from iwalker_jax.optimization import initial_state_from_reference, solve_step_mpc, solve_unicycle  # noqa: E402
-from iwalker_jax.planning import RobotState, pre_impact_planes  # noqa: E402
-from iwalker_jax.runtime.devices import machine  # noqa: E402
-from iwalker_jax.training.batches import TrainingBatch, frame_order, gather_batch  # noqa: E402
-from iwalker_jax.training.config import TrainConfig, paper_preset, small_paper_preset  # noqa: E402
-from iwalker_jax.training.maps import TrainingData, frame_maps, prepare  # noqa: E402
-from iwalker_jax.training.train_step import (  # noqa: E402
+from benchmarks.suite.alone import Options, present
+from benchmarks.suite.contest import Contender, contest
+from benchmarks.suite.figures import Fact, Group
+from iwalker_jax.data.frame_set import DEPTH_UNIT, FrameSet
+from iwalker_jax.data.sources import DataConfig, load_training_frames
+from iwalker_jax.geometry import resample_by_arc_length
+from iwalker_jax.optimization import initial_state_from_reference, solve_step_mpc, solve_unicycle
+from iwalker_jax.planning import RobotState, pre_impact_planes
+from iwalker_jax.training.batches import TrainingBatch, frame_order, gather_batch
+from iwalker_jax.training.config import TrainConfig, paper_preset, small_paper_preset
+from iwalker_jax.training.maps import TrainingData, frame_maps, prepare
+from iwalker_jax.training.train_step import (
     initial_state,
     make_optimiser,
     make_train_step,
@@ -40,6 +45,19 @@ from iwalker_jax.training.train_step import (  # noqa: E402
 FRAMES = 64
 PAPER_FRAMES = 16
 STEPS = 100
+
+
+@dataclass(frozen=True)
+class Config(Options):
+    """Time training steps and their parts.
+
+    Attributes:
+        paper: the published set-up instead.
+        repeats: turns; 5 with --quick.
+    """
+
+    paper: bool = False
+    repeats: int = 20
 
 
 class WholeStep:
@@ -114,8 +132,8 @@ def lower_levels(config: TrainConfig, batch: TrainingBatch, plan: Any) -> dict[s
     }
 
 
-def measure(name: str, config: TrainConfig, data: TrainingData, repeats: int) -> float:
-    """Print one configuration's speed and the parts of its step; returns the median frames a second."""
+def steps(name: str, config: TrainConfig, data: TrainingData, repeats: int) -> Iterator[Group | Fact]:
+    """One configuration's steps, and their parts."""
     whole = WholeStep(config, data)
     index = jnp.asarray(frame_order(0, len(data.depth), config.batch_size, 0))
     gather = jax.jit(lambda i: gather_batch(data, i, jax.random.key(0), config.mirror, config.planner))
@@ -123,80 +141,62 @@ def measure(name: str, config: TrainConfig, data: TrainingData, repeats: int) ->
     network = jax.jit(network_gradient(config))
     params = jax.tree.map(jnp.array, whole.state.params)
     (_, plan), _ = network(params, batch)
-    calls: dict[str, Callable[[], Any]] = {
-        "whole step": whole,
-        "network alone": lambda: network(params, batch),
-        "network, Adam": NetworkAndAdam(config, batch),
-        "gather": lambda: gather(index),
-        **lower_levels(config, batch, plan),
-    }
-    times = in_turns(calls, repeats)
-    compiled = sum(part.first for part in times.values())
-    count = sum(leaf.size for leaf in jax.tree.leaves(params))
-    print(
-        f"\n{name}, {count / 1e6:.1f} M parameters, batch {config.batch_size}: {compiled:.0f} s of compilation, "
-        f"{np.mean(whole.converged):.0%} of rows converged"
-    )
-    print(f"  {'part':<16} {'min ms':>8} {'median ms':>10} {'of the step':>12}")
-    full = times["whole step"]
-    for part, (_, best, median) in times.items():
-        print(f"  {part:<16} {1e3 * best:8.1f} {1e3 * median:10.1f} {best / full.best:12.0%}")
-    rest = 1 - times["network, Adam"].best / full.best
-    slower = full.best / times["network alone"].best
-    print(f"  MPCs, losses and gathering: {rest:.0%} of the step; the step is {slower:.2f} x the network alone (peer)")
-    step = full.each(config.batch_size)
-    print(f"  {1 / step.best:.2f} frames/s at best, {1 / step.median:.2f} median")
-    return 1 / step.median
+    count, size = sum(leaf.size for leaf in jax.tree.leaves(params)), config.batch_size
+    rows = [
+        Contender("ours, whole step", "ours", whole, size),
+        Contender("ours, network and Adam", "ours", NetworkAndAdam(config, batch), size),
+        Contender("ours, gathering", "ours", lambda: gather(index), size),
+        *(
+            Contender(f"ours, {part} and its gradient", "ours", call, size)
+            for part, call in lower_levels(config, batch, plan).items()
+        ),
+        Contender("network alone, forward and backward", "peer", lambda: network(params, batch), size),
+    ]
+    yield contest(f"{name}, {count / 1e6:.1f} M parameters, batch {size}", "a frame", rows, repeats)
+    yield Fact(f"{name}, batch {size}: rows converged", 100 * float(np.mean(whole.converged)), "%")
 
 
-def measure_paper(repeats: int) -> None:
-    """Print the published set-up's speed at both image sizes, and what its passes take."""
+def paper_steps(repeats: int) -> Iterator[Group | Fact]:
+    """The published set-up at both image sizes, and what its passes take."""
     for config in (small_paper_preset(), paper_preset()):
         camera = config.planner.ipath.camera
         frames = load_training_frames(DataConfig(frames=PAPER_FRAMES), camera)
         data = prepare(frames, config.models.traversal, batch=PAPER_FRAMES)
-        rate = measure(f"published set-up, {camera.height} x {camera.width}", config, data, repeats)
-        seconds = config.source.frames / rate
-        print(
-            f"  a pass of {config.source.frames} frames takes {seconds / 60:.1f} min, {config.epochs} passes "
-            f"{config.epochs * seconds / 3600:.1f} h"
-        )
+        name = f"published set-up, {camera.height} x {camera.width}"
+        for figure in steps(name, config, data, repeats):
+            yield figure
+            if isinstance(figure, Group):
+                seconds = config.source.frames * figure.rows[0].median  # of whole steps
+                yield Fact(f"{name}: a pass of {config.source.frames} frames", seconds / 60, "min")
+                yield Fact(f"{name}: {config.epochs} passes", config.epochs * seconds / 3600, "h")
 
 
-def measure_maps(config: TrainConfig, frames: FrameSet, repeats: int) -> None:
-    """Print what making the maps of a frame costs, once before training."""
+def maps(config: TrainConfig, frames: FrameSet, repeats: int) -> Group:
+    """What making the maps of a frame costs, once before training."""
     camera, traversal, size = config.planner.ipath.camera, config.models.traversal, 16
     many = jax.jit(
         jax.vmap(lambda depth, mount, goals: frame_maps(depth * DEPTH_UNIT, mount, goals, camera, traversal))
     )
     depth = jnp.asarray(frames.depth[:size], jnp.float32)
     mounts, goals = jnp.asarray(frames.mounts[:size]), jnp.asarray(frames.goals[:size])
-    times = timed(many, depth, mounts, goals, repeats=repeats)
-    best, median = 1e3 * times.each(size).best, 1e3 * times.each(size).median
-    print(
-        f"maps of a frame, {goals.shape[1]} goals, made once: {best:.1f} ms min, {median:.1f} ms "
-        f"median ({times.first:.0f} s of compilation); {best / config.epochs:.2f} ms a frame and epoch over "
-        f"{config.epochs} epochs, instead of {best:.1f} ms if every step made them anew"
-    )
+    row = Contender("ours", "ours", partial(many, depth, mounts, goals), size)
+    return contest(f"maps of a frame for {goals.shape[1]} goals, made once before training", "a frame", [row], repeats)
 
 
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--paper", action="store_true", help="the published set-up instead")
-    parser.add_argument("--repeats", type=int, default=20, help="timed rounds")
-    arguments = parser.parse_args()
-    config = TrainConfig()
-    print(f"{machine()}; best and median of {arguments.repeats}")
-    if arguments.paper:
-        measure_paper(arguments.repeats)
+def measure(config: Config) -> Iterator[Group | Fact]:
+    """All figures of this benchmark."""
+    training = TrainConfig()
+    repeats = min(config.repeats, 5) if config.quick else config.repeats
+    if config.paper:
+        yield from paper_steps(repeats)
         return
-    frames = load_training_frames(DataConfig(frames=FRAMES), config.planner.ipath.camera)
-    measure_maps(config, frames, min(arguments.repeats, 5))
-    data = prepare(frames, config.models.traversal)
-    for size in (1, 16):
-        measure("default preset", dataclasses.replace(config, batch_size=size), data, arguments.repeats)
+    frames = load_training_frames(DataConfig(frames=FRAMES), training.planner.ipath.camera)
+    yield maps(training, frames, min(repeats, 5))
+    data = prepare(frames, training.models.traversal)
+    for size in (16,) if config.quick else (1, 16):
+        yield from steps("default preset", dataclasses.replace(training, batch_size=size), data, repeats)
 
 
 if __name__ == "__main__":
-    main()
+    options = tyro.cli(Config, description=__doc__)
+    present(measure(options), options)

@@ -1,4 +1,4 @@
-"""Gradients of the closed loop (controller, QP and contact physics) against finite differences, and what they cost.
+"""Gradients of a walk (controller, QP and contact physics) beside finite differences, and what they cost.
 
 A foot lands in a tick; where a step of the differences would move that to another tick, a shorter one is taken.
 
@@ -10,19 +10,21 @@ from iwalker_jax.runtime.settings import configure_runtime
 if __name__ == "__main__":
     configure_runtime()
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import tyro
 
-from benchmarks.extras import read_no_options
-from benchmarks.timing import once
+from benchmarks.suite.alone import Options, present
+from benchmarks.suite.contest import Contender, contest
+from benchmarks.suite.figures import Fact, Group
 from bruce_model import load_mujoco
 from iwalker_jax.control import FootstepPlan, make_controller, make_plan, velocity_footsteps
 from iwalker_jax.optimization import QpSettings
 from iwalker_jax.robot import load_leg_kinematics, load_robot
-from iwalker_jax.runtime.devices import machine
 from iwalker_jax.walking import Conditions, Walker, WalkState, start_walk, walk_tick
 
 _INTO_THE_WALK = 700  # ticks: 1.4 s, in the middle of the second step
@@ -54,9 +56,8 @@ def setting() -> tuple[Walker, Conditions, FootstepPlan, WalkState]:
     return walker, conditions, plan, forward(walker, conditions, plan, state)
 
 
-def main() -> int:
-    """Print a line for each number of ticks."""
-    print(f"{machine()}, float64")
+def measure(options: Options) -> Iterator[Group | Fact]:
+    """All figures of this benchmark, in double precision."""
     with jax.enable_x64(True):
         walker, conditions, plan, state = setting()
         weights = jnp.asarray(np.random.default_rng(0).normal(size=23))
@@ -86,17 +87,21 @@ def main() -> int:
             "footsteps": jnp.zeros(plan.positions.shape),
             "mass": jnp.zeros(()),
         }
-        for ticks in (1, 10, 120):
-            report(outcome(ticks), inputs, ticks)
-    return 0
+        for ticks in (1, 10) if options.quick else (1, 10, 120):
+            yield from compare(outcome(ticks), inputs, ticks)
 
 
-def report(value: Callable, inputs: dict[str, jax.Array], ticks: int) -> None:
-    """Compare directional derivatives of one roll-out length; `value` also tells the step clock's time at its end."""
+def compare(value: Callable, inputs: dict[str, jax.Array], ticks: int) -> Iterator[Group | Fact]:
+    """Directional derivatives of one roll-out length; `value` also tells the step clock's time at its end."""
     plain = jax.jit(value)
     reverse = jax.jit(jax.value_and_grad(lambda x: value(x)[0]))
     forward = jax.jit(lambda x, d: jax.jvp(lambda y: value(y)[0], (x,), (d,))[1])
-    _, gradient = jax.block_until_ready(reverse(inputs))
+    rows = [
+        Contender("ours, value", "ours", partial(plain, inputs), ticks),
+        Contender("ours, value and gradient", "ours", partial(reverse, inputs), ticks),
+    ]
+    yield contest(f"Walk of {ticks} ticks", "a tick", rows, 3)
+    _, gradient = reverse(inputs)
     rng = np.random.default_rng(1)
     for name in inputs:
         direction = {key: jnp.zeros(leaf.shape) for key, leaf in inputs.items()}
@@ -112,15 +117,10 @@ def report(value: Callable, inputs: dict[str, jax.Array], ticks: int) -> None:
         along = float(forward(inputs, direction))
         scale = max(abs(numeric), 1e-9)
         errors = [abs(x - numeric) / scale for x in (backward, along)]
-        print(
-            f"{ticks:4d} ticks, {name:10s} differences {numeric:+.6e}, "
-            f"reverse off by {errors[0]:.1e}, forward off by {errors[1]:.1e}",
-            flush=True,
-        )
-    times = [once(function, inputs)[1] for function in (plain, reverse)]
-    print(f"{ticks:4d} ticks: value {1e3 * times[0]:.1f} ms, value and gradient {1e3 * times[1]:.1f} ms", flush=True)
+        for mode, error in zip(("reverse", "forward"), errors, strict=True):
+            yield Fact(f"{ticks} ticks, by {name}: {mode} mode off from differences by", error, "of their size")
 
 
 if __name__ == "__main__":
-    read_no_options(__doc__)
-    raise SystemExit(main())
+    options = tyro.cli(Options, description=__doc__)
+    present(measure(options), options)

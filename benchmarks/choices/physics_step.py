@@ -1,12 +1,12 @@
-"""Our step of the MJX model beside MJX's own `mjx.step`: equal values, time alone and in batches, and derivatives.
+"""Our step of the MJX model beside MJX's own and C MuJoCo's roll-outs: time of one robot and many, derivatives, walks.
 
-Run with `python -m benchmarks.choices.physics_step`. Both move the same standing robots under the same torques, as the
-last part of a control tick whose kinematics are there already; MJX makes its own. `--walk` also walks a second with
+Run with `python -m benchmarks.choices.physics_step`. All move the same standing robots under the same torques, ours as
+the last part of a control tick whose kinematics are there already; the others make their own. `--walk` also walks with
 each, controller and all.
 """
 
-import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 
 from iwalker_jax.runtime.settings import configure_runtime
@@ -16,11 +16,17 @@ if __name__ == "__main__":
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
+import tyro
 
-from benchmarks.timing import in_turns
+from benchmarks.peers.mujoco_rollouts import rollout_call
+from benchmarks.suite.alone import Options, present
+from benchmarks.suite.contest import Contender, contest
+from benchmarks.suite.figures import Fact, Group, Kind, Row, Work
 from bruce_model import load_mujoco
 from iwalker_jax.api import walk
+from iwalker_jax.api.walking import Engine
 from iwalker_jax.robot import (
     PhysicsState,
     RobotModel,
@@ -30,11 +36,26 @@ from iwalker_jax.robot import (
     load_robot,
     smooth_stages,
 )
-from iwalker_jax.runtime.devices import machine
 from iwalker_jax.walking import Motion
 
-STEPS: dict[str, Callable] = {"mjx.step": complete_step_by_mjx, "own": complete_step}
-_TICKS = 100
+STEPS: dict[str, Callable] = {"ours": complete_step, "mjx.step": complete_step_by_mjx}
+THREADS = (1, 2)
+_TICKS = 50  # far enough for contacts, near enough that rounding has not grown into another motion
+
+
+@dataclass(frozen=True)
+class Config(Options):
+    """Time steps of the physics, and walks by each of them.
+
+    Attributes:
+        batches: robots side by side; 16 alone with --quick.
+        repeats: turns; 3 with --quick.
+        walk: seconds that are also walked in place by each, controller and all.
+    """
+
+    batches: tuple[int, ...] = (1, 16, 64)
+    repeats: int = 5
+    walk: float = 0.0
 
 
 def standing_robots(robot: RobotModel, count: int) -> tuple[PhysicsState, jax.Array]:
@@ -71,69 +92,88 @@ def slope_reverse(step: Callable, robot: RobotModel, state: PhysicsState, torque
     return jax.grad(partial(height, step, robot, state))(torques)
 
 
-def print_times(robot: RobotModel, batches: list[int], repeats: int) -> None:
-    """A line for each way of running both steps; a robot's step each, of the best run, and the ratio."""
-    print("| what | mjx.step [us] | own step [us] | ratio | compiling [s] |\n| --- | --- | --- | --- | --- |")
-    ways: list[tuple[str, Callable, int]] = [
-        (f"batch of {count}" if count > 1 else "one robot", rolled, count) for count in batches
-    ]
-    ways.append(("derivative along one direction, forward mode", slope_forward, 1))
-    ways.append(("derivative by all torques, reverse mode", slope_reverse, 1))
-    for name, function, count in ways:
-        states, torques = standing_robots(robot, count)
-        kinds = ("own",) if function is slope_reverse else tuple(STEPS)
-        calls: dict[str, Callable] = {}
-        for kind in kinds:
-            one = partial(function, STEPS[kind])
-            calls[kind] = partial(jax.jit(jax.vmap(one, in_axes=(None, 0, 0))), robot, states, torques)
-        times = in_turns(calls, repeats)
-        each = {kind: 1e6 * times[kind].best / (count * _TICKS) for kind in kinds}
-        theirs = f"{each['mjx.step']:.0f}" if "mjx.step" in each else "refused by JAX"
-        ratio = f"{each['mjx.step'] / each['own']:.1f}" if "mjx.step" in each else "-"
-        compiling = ", ".join(f"{times[kind].first:.0f}" for kind in kinds)
-        print(f"| {name} | {theirs} | {each['own']:.0f} | {ratio} | {compiling} |", flush=True)
+def kind_of(name: str) -> Kind:
+    """Ours, or a peer's."""
+    return "ours" if name == "ours" else "peer"
 
 
-def print_values(robot: RobotModel) -> None:
-    """How far the two are apart after 1 and after `_TICKS` steps."""
+def worst_apart(exact: np.ndarray, states: PhysicsState | np.ndarray) -> dict[str, float]:
+    """Largest distance of the positions at the end from C MuJoCo's."""
+    qpos = states.qpos if isinstance(states, PhysicsState) else states[:, : exact.shape[1]]
+    return {"positions apart [m, rad]": float(np.max(np.abs(np.asarray(qpos, float) - exact)))}
+
+
+def by_robots(robot: RobotModel, model: mujoco.MjModel, count: int, repeats: int) -> Group:
+    """A robot's step by everyone, of some robots side by side."""
+    states, torques = standing_robots(robot, count)
+    qpos, qvel, motors = (np.asarray(leaf, float) for leaf in (states.qpos, states.qvel, torques))
+    by_threads = {threads: rollout_call(model, qpos, qvel, motors, _TICKS, threads) for threads in THREADS}
+    judge = partial(worst_apart, by_threads[1]()[:, : model.nq])
+    rows = []
+    for name, step in STEPS.items():
+        call = partial(jax.jit(jax.vmap(partial(rolled, step), in_axes=(None, 0, 0))), robot, states, torques)
+        work = Work(steps=1 / count) if name == "ours" else None
+        rows.append(Contender(name, kind_of(name), call, count * _TICKS, judge, work))
+    for threads, rollout in by_threads.items():
+        if threads <= count:
+            name = f"mujoco.rollout, {threads} thread{'s' * (threads > 1)}"
+            rows.append(Contender(name, "peer", rollout, count * _TICKS, judge, compiles=False))
+    title = f"{_TICKS} steps of 2 ms, {count} robot{'s side by side' * (count > 1)}"
+    return contest(title, "a robot's step", rows, repeats)
+
+
+def derivatives(robot: RobotModel, repeats: int) -> Iterator[Group]:
+    """Steps with a derivative; JAX refuses the reverse mode of MJX's contact solver."""
+    states, torques = standing_robots(robot, 1)
+    ways = {"along one direction, forward mode": slope_forward, "by all torques, reverse mode": slope_reverse}
+    for title, function in ways.items():
+        kinds = ("ours",) if function is slope_reverse else tuple(STEPS)
+        rows = []
+        for name in kinds:
+            one = jax.jit(jax.vmap(partial(function, STEPS[name]), in_axes=(None, 0, 0)))
+            rows.append(Contender(name, kind_of(name), partial(one, robot, states, torques), _TICKS))
+        yield contest(f"Steps with the derivative {title}", "a step", rows, repeats)
+
+
+def apart_after_one(robot: RobotModel) -> Iterator[Fact]:
+    """How far our step and MJX's are apart after one."""
     states, torques = standing_robots(robot, 16)
 
     def once(step: Callable, state: PhysicsState, torque: jax.Array) -> PhysicsState:
         return step(robot, state, smooth_stages(robot, state.qpos, state.qvel), torque)[0]
 
-    for what, function in (("1 step", once), (f"{_TICKS} steps", lambda step, *rest: rolled(step, robot, *rest))):
-        own, theirs = (jax.jit(jax.vmap(partial(function, step)))(states, torques) for step in STEPS.values())
-        apart = [float(jnp.max(jnp.abs(getattr(own, name) - getattr(theirs, name)))) for name in ("qpos", "qvel")]
-        print(f"apart after {what}: positions {apart[0]:.1e} [m, rad], velocities {apart[1]:.1e} [m/s, rad/s]")
+    ours, theirs = (jax.jit(jax.vmap(partial(once, step)))(states, torques) for step in STEPS.values())
+    for name, unit in (("qpos", "m, rad"), ("qvel", "m/s, rad/s")):
+        apart = float(jnp.max(jnp.abs(getattr(ours, name) - getattr(theirs, name))))
+        yield Fact(f"{name} apart from mjx.step's after one step", apart, unit)
 
 
-def print_walks(seconds: float) -> None:
-    """The same walk by either engine: simulated robot-seconds a second, and where it ends."""
-    print("\n| walk, 1 robot | robot-seconds a second | compiling [s] | height at the end [m] | fell |")
-    print("| --- | --- | --- | --- | --- |")
-    for engine in ("mjx.step", "mjx"):
+def walks(seconds: float) -> Group:
+    """The same walk in place by each engine, controller and all; one run of each, so that there is no spread."""
+    rows = []
+    engines: dict[str, Engine] = {"ours": "mjx", "mjx.step": "mjx.step", "C MuJoCo, our controller": "mujoco"}
+    for name, engine in engines.items():
         result = walk(Motion("in_place", seconds=seconds), engine=engine)
-        batch = result.batch
-        end = batch.sample.qpos[0, -1, 2]
-        rate = f"{batch.robot_seconds_per_second:.2f} | {batch.compile_seconds:.0f}"
-        print(f'| engine="{engine}" | {rate} | {end:.4f} | {result.metrics[0].fallen} |', flush=True)
+        taken = result.batch.seconds / seconds
+        end = {"height at the end [m]": float(result.batch.sample.qpos[0, -1, 2])}
+        rows.append(Row(name, kind_of(name), (taken,), result.batch.compile_seconds, accuracy=end))
+    return Group(f"A walk of {seconds:g} s, one robot, controller and all", "a simulated second", tuple(rows))
 
 
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--batches", default="1,16,64", help="comma-separated numbers of robots")
-    parser.add_argument("--repeats", type=int, default=5, help="timed runs of each")
-    parser.add_argument("--walk", type=float, default=0.0, metavar="SECONDS", help="walk in place for so long as well")
-    options = parser.parse_args()
-    robot = load_robot(load_mujoco())
-    print(f"{machine()}, float32, {_TICKS} steps of 2 ms in a scan, a robot's step each; controller left out\n")
-    print_times(robot, [int(count) for count in options.batches.split(",")], options.repeats)
-    print()
-    print_values(robot)
-    if options.walk:
-        print_walks(options.walk)
+def measure(config: Config) -> Iterator[Group | Fact]:
+    """All figures of this benchmark."""
+    model = load_mujoco()
+    robot = load_robot(model)
+    repeats = min(config.repeats, 3) if config.quick else config.repeats
+    for count in (16,) if config.quick else config.batches:
+        yield by_robots(robot, model, count, repeats)
+    if not config.quick:
+        yield from derivatives(robot, repeats)
+    yield from apart_after_one(robot)
+    if config.walk:
+        yield walks(config.walk)
 
 
 if __name__ == "__main__":
-    main()
+    options = tyro.cli(Config, description=__doc__)
+    present(measure(options), options)

@@ -27,6 +27,9 @@ class _ParsedOptions(BaseException):
 def parse_command(module: str, arguments: tuple[str, ...]) -> str | None:
     """Why a module's command does not take these arguments, in its own words; None if it does."""
     source = importlib.util.find_spec(module)
+    if source is not None and source.submodule_search_locations:
+        # `python -m` runs the main module of a folder that has one.
+        source = importlib.util.find_spec(f"{module}.__main__") or source
     if source is None or source.origin is None:
         return f"there is no module {module}"
     if "__main__" not in Path(source.origin).read_text(encoding="utf-8"):

@@ -44,7 +44,7 @@ by_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def commands_in(folder: str) -> set[str]:
     """Modules of a folder that are commands."""
     files = [file for file in (ROOT / folder).rglob("*.py") if "__main__" in file.read_text(encoding="utf-8")]
-    return {".".join(file.relative_to(ROOT).with_suffix("").parts) for file in files}
+    return {".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__main__") for file in files}
 
 
 @by_page

@@ -1,0 +1,1 @@
+"""What all benchmarks share: figures taken in turns, their report, its page, and what changed against another run."""
