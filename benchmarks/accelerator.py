@@ -39,7 +39,7 @@ from iwalker_jax.optimization import (
     solve_unicycle,
 )
 from iwalker_jax.perception import CameraMount, Intrinsics, signed_distance_field
-from iwalker_jax.robot import load_robot
+from iwalker_jax.robot import load_robot_model
 from iwalker_jax.scenes import generate_scene, render_depth, world_camera_pose
 from iwalker_jax.walking import Disturbances, default_walker, sample_conditions, start_walk, walk_tick
 
@@ -117,7 +117,7 @@ def qp_part(count: int) -> Part:
 
 def physics_part(count: int) -> Part:
     """Standing robots under constant torques."""
-    robot = load_robot(load_mujoco())
+    robot = load_robot_model(load_mujoco())
 
     def moved(state: Any, torques: jax.Array) -> jax.Array:
         return rolled(STEPS["ours"], robot, state, torques).qpos

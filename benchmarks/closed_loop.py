@@ -73,8 +73,6 @@ from iwalker_jax.planning import (
     split_module,
 )
 from iwalker_jax.robot import (
-    ARM_POSITIONS,
-    ARM_VELOCITIES,
     rigid_body_terms,
 )
 from iwalker_jax.scenes.depth_noise import DepthNoise
@@ -240,8 +238,9 @@ def latency(navigator: Navigator, planner: Planner) -> Group:
     plan = jax.tree.map(lambda leaf: leaf[0], setting.state.steps.plan)
 
     def control(qpos: jax.Array, qvel: jax.Array) -> jax.Array:
-        terms = rigid_body_terms(navigator.walker.robot, qpos, qvel)
-        arms = qpos[ARM_POSITIONS], qvel[ARM_VELOCITIES]
+        robot = navigator.walker.robot
+        terms = rigid_body_terms(robot, qpos, qvel)
+        arms = qpos[robot.arm_positions], qvel[robot.arm_velocities]
         return control_step(controller, terms, arms, walk.memory.touching, plan, walk.memory.controller)[0]
 
     path = jnp.stack([jnp.linspace(0, 2, 100), jnp.zeros(100)], axis=1)

@@ -24,7 +24,7 @@ from benchmarks.suite.figures import Fact, Group
 from bruce_model import load_mujoco
 from iwalker_jax.control import FootstepPlan, make_controller, make_plan, velocity_footsteps
 from iwalker_jax.optimization import QpSettings
-from iwalker_jax.robot import load_leg_kinematics, load_robot
+from iwalker_jax.robot import load_leg_kinematics, load_robot_model
 from iwalker_jax.walking import Conditions, Walker, WalkState, start_walk, walk_tick
 
 _INTO_THE_WALK = 700  # ticks: 1.4 s, in the middle of the second step
@@ -34,7 +34,7 @@ _STEPS = (1e-6, 1e-7, 1e-8)  # of the differences, longest first
 def setting() -> tuple[Walker, Conditions, FootstepPlan, WalkState]:
     """A robot in mid-step, in double precision."""
     model = load_mujoco()
-    robot = load_robot(model)
+    robot = load_robot_model(model)
     walker = Walker(robot, make_controller(robot, solver=QpSettings()), load_leg_kinematics(model))
     one = jnp.ones(())
     conditions = Conditions(

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from iwalker_jax.api import EpisodesResult, WalkResult, load_planner, run_episodes, walk
     from iwalker_jax.errors import CheckpointError, InputError
     from iwalker_jax.evaluation.frames import draw_plan
+    from iwalker_jax.humanoids import RobotDescription, load_robot
     from iwalker_jax.navigation import Outcome
     from iwalker_jax.optimization import (
         GradientMode,
@@ -63,6 +64,7 @@ __all__ = [
     "Plan",
     "Planner",
     "QuadraticProgram",
+    "RobotDescription",
     "RobotState",
     "SoftOccupancy",
     "Solution",
@@ -79,6 +81,7 @@ __all__ = [
     "explain",
     "initial_state_from_reference",
     "load_planner",
+    "load_robot",
     "quadratic_program",
     "read_depth",
     "run_episodes",
@@ -95,6 +98,7 @@ _HOMES = {
     "api": "EpisodesResult WalkResult load_planner run_episodes walk",
     "errors": "CheckpointError InputError",
     "evaluation.frames": "draw_plan",
+    "humanoids": "RobotDescription load_robot",
     "navigation": "Outcome",
     "optimization": (
         "GradientMode HlipParameters QuadraticProgram Solution Status StepMpcWeights UnicycleParameters "

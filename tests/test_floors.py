@@ -13,6 +13,7 @@ FLOORS = (
     ("optimization", "bruce_model"),
     ("perception", "robot"),
     ("planning", "scenes", "control", "estimation"),
+    ("humanoids",),
     ("tasks", "walking"),
     ("navigation", "film"),
     ("data", "deployment", "surrogate"),

@@ -33,7 +33,7 @@ from iwalker_jax.robot import (
     complete_step,
     complete_step_by_mjx,
     initial_state,
-    load_robot,
+    load_robot_model,
     smooth_stages,
 )
 from iwalker_jax.walking import Motion
@@ -163,7 +163,7 @@ def walks(seconds: float) -> Group:
 def measure(config: Config) -> Iterator[Group | Fact]:
     """All figures of this benchmark."""
     model = load_mujoco()
-    robot = load_robot(model)
+    robot = load_robot_model(model)
     repeats = min(config.repeats, 3) if config.quick else config.repeats
     for count in (16,) if config.quick else config.batches:
         yield by_robots(robot, model, count, repeats)

@@ -41,7 +41,7 @@ import numpy as np
 from bruce_model import load_mujoco
 from iwalker_jax.control import make_controller, make_plan, velocity_footsteps
 from iwalker_jax.optimization import QpSettings
-from iwalker_jax.robot import initial_state, load_leg_kinematics, load_robot, physics_step, vary
+from iwalker_jax.robot import initial_state, load_leg_kinematics, load_robot_model, physics_step, vary
 from iwalker_jax.walking import Disturbances, Walker, sample_conditions, start_walk, walk_tick
 
 jax.config.update("jax_enable_x64", True)  # so that differences mean something
@@ -58,7 +58,7 @@ WALK_TICKS = 700  # of 2 ms: 1.4 s, into the second step
 
 # %%
 model = load_mujoco()
-robot = load_robot(model)
+robot = load_robot_model(model)
 standing = np.array(model.key_qpos[0])
 standing[2] -= 0.0005  # [m] pressed into the floor: clearly in contact
 torques = np.random.default_rng(0).normal(scale=0.3, size=model.nu)  # [N m]

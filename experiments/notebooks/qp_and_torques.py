@@ -33,7 +33,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from iwalker_jax.control import control_step, make_plan, velocity_footsteps
-from iwalker_jax.robot import ARM_POSITIONS, ARM_VELOCITIES, rigid_body_terms
+from iwalker_jax.robot import rigid_body_terms
 from iwalker_jax.walking import Disturbances, default_walker, sample_conditions, start_walk, walk_tick
 
 # %% tags=["parameters"]
@@ -114,7 +114,7 @@ def open_program(state):
     """Torques, and everything that the controller decided, in a state of the walk."""
     qpos, qvel = state.physics.qpos, state.physics.qvel
     terms = rigid_body_terms(robot, qpos, qvel)
-    arms = qpos[ARM_POSITIONS], qvel[ARM_VELOCITIES]
+    arms = qpos[robot.arm_positions], qvel[robot.arm_velocities]
     memory = state.memory
     torques, _, info = control_step(controller, terms, arms, memory.touching, plan, memory.controller)
     return torques, info, terms

@@ -1,8 +1,9 @@
-"""One call from a motion to walks of BRUCE in simulation, with what is recorded and measured of them."""
+"""One call from a motion to walks of a robot in simulation, with what is recorded and measured of them."""
 
 import dataclasses
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
 import jax
@@ -12,6 +13,7 @@ import numpy as np
 from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.walks import WalkMetrics, robot_rows, walk_metrics, walk_record
+from iwalker_jax.humanoids import RobotDescription, load_robot
 from iwalker_jax.optimization import QpMethod
 from iwalker_jax.walking import (
     BatchResult,
@@ -59,6 +61,7 @@ def walk(
     motion: Motion | MotionKind = "s_curve",
     robots: int = 1,
     *,
+    robot: str | Path | RobotDescription = "bruce",
     sensors: Sensors = "none",
     engine: Engine = "mjx",
     disturbances: Disturbances = Disturbances(),
@@ -68,15 +71,16 @@ def walk(
     devices: int | None = None,
     on_progress: Callable[[float, int], None] | None = None,
 ) -> WalkResult:
-    """Let BRUCE walk a motion in simulation: `walk(Motion("straight", speed=0.3)).metrics[0].speed`.
+    """Let a robot walk a motion in simulation: `walk(Motion("straight", speed=0.3)).metrics[0].speed`.
 
     Args:
         motion: what to walk, or its kind alone.
         robots: that walk it, each with conditions of its own.
+        robot: which one: its name, the TOML file that describes it, or its description; see `load_robot`.
         sensors: `none` feeds the true state back, the others walk on the estimate from simulated sensors.
         engine: MJX by our step or by its own, compiled for many robots, or C MuJoCo, which steps one after the other.
         disturbances: from which friction, mass, start and pushes are drawn.
-        gait: of the controller.
+        gait: of the controller; the robot's own if left out.
         solver: of its whole-body QPs.
         seed: of conditions and sensors.
         devices: number of devices, all by default.
@@ -86,7 +90,8 @@ def walk(
         InputError: for options out of range, a bad file, or footsteps out of reach.
     """
     _check_engine(engine)
-    walker, model = default_walker(sensors, gait, solver)
+    description = robot if isinstance(robot, RobotDescription) else load_robot(robot)
+    walker, model = default_walker(sensors, gait, solver, description)
     gait = walker.controller.gait
     motion = Motion(motion) if isinstance(motion, str) else motion
     if not isinstance(motion, Motion):
@@ -149,6 +154,9 @@ def measure_walk(
         pushes = (float(conditions.push_start[k]),) if pushed[k] else ()
         friction = float(conditions.friction[k])
         speed = abs(commanded.speed)
-        records.append(walk_record(row, commanded.plan, limits, step_time, speed, commanded.path, pushes, friction))
+        legs = walker.robot.leg_joints
+        records.append(
+            walk_record(row, commanded.plan, limits, step_time, speed, commanded.path, pushes, friction, legs)
+        )
         metrics.append(walk_metrics(row, commanded.plan, limits, step_time))
     return tuple(records), tuple(metrics)

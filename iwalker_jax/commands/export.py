@@ -20,8 +20,8 @@ from iwalker_jax.deployment.rehearsal import differing_frames
 from iwalker_jax.deployment.writer import write_policy
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation import POLICIES, make_navigator
+from iwalker_jax.runtime.config_dict import config_to_dict
 from iwalker_jax.runtime.files import require_writable
-from iwalker_jax.training.config_dict import config_to_dict
 from iwalker_jax.training.on_policy import memory_ipath_for
 
 

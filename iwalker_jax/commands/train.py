@@ -27,12 +27,12 @@ from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.evaluation.frames import FrameSequence, evaluate_all, standard_sequences
 from iwalker_jax.evaluation.tables import Table
 from iwalker_jax.planning import Planner
+from iwalker_jax.runtime.config_dict import config_to_dict
 from iwalker_jax.runtime.files import require_writable, write_json
 from iwalker_jax.runtime.locks import exclusive
 from iwalker_jax.runtime.processes import ProcessGroup, barrier, is_first
 from iwalker_jax.training.checkpoints import load_run
 from iwalker_jax.training.config import PRESETS, TrainConfig
-from iwalker_jax.training.config_dict import config_to_dict
 from iwalker_jax.training.loop import TrainingProgress, TrainResult, batch_mesh, run_lock, train
 from iwalker_jax.training.maps import TrainingData, prepare
 from iwalker_jax.training.pretrained import save_planner

@@ -18,9 +18,9 @@ from iwalker_jax.commands.shared.console import (
     say,
 )
 from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.config_dict import config_to_dict
 from iwalker_jax.runtime.files import require_writable, write_json
 from iwalker_jax.streams import check_seed
-from iwalker_jax.training.config_dict import config_to_dict
 from iwalker_jax.training.on_policy import (
     NETWORK_FILE,
     OnPolicyConfig,

@@ -30,6 +30,7 @@ from iwalker_jax.control import GaitParameters
 from iwalker_jax.errors import InputError
 from iwalker_jax.evaluation.rerun_files import require_rerun, write_walk
 from iwalker_jax.film import has_screen
+from iwalker_jax.humanoids import load_robot
 from iwalker_jax.runtime.files import require_writable
 from iwalker_jax.walking import (
     BatchResult,
@@ -48,7 +49,7 @@ _GRID = 16  # robots shown in the grid of traces
 
 @dataclass(frozen=True)
 class Command:
-    """Let BRUCE walk in simulation and measure how well it keeps to the plan.
+    """Let a robot walk in simulation and measure how well it keeps to the plan.
 
     With --scene it finds its own way: depth camera, iPath, iStepper and walking in one loop. Options of the other kind
     of walk are refused.
@@ -102,7 +103,8 @@ def walk_motion(command: Command) -> None:
         raise InputError("There is no screen for MuJoCo's viewer (DISPLAY is not set); leave --view out.")
     motion = options.motion.motion()
     check_robots(options.robots, shared.seed)
-    walker, model = default_walker(shared.sensors or "none", solver=options.solver)
+    description = load_robot(options.robot, options.mjcf)
+    walker, model = default_walker(shared.sensors or "none", solver=options.solver, description=description)
     gait = walker.controller.gait
     walk = make_walk(motion, model, gait)
     disturbances = dataclasses.replace(shared.disturbances, push_after=halfway(walk, gait))

@@ -16,7 +16,6 @@ from iwalker_jax.control.parameters import GaitParameters, WholeBodyParameters
 from iwalker_jax.control.stepping import SteppingGains, stepping_gains
 from iwalker_jax.control.tasks import WholeBodyTask, angular_momentum_task, com_task, foot_task, stack, torso_task
 from iwalker_jax.control.whole_body import (
-    CONTACT_FEET,
     FRICTION_ROWS,
     Actuation,
     Dynamics,
@@ -26,7 +25,7 @@ from iwalker_jax.control.whole_body import (
 )
 from iwalker_jax.geometry import Side
 from iwalker_jax.optimization import QpPoint, QpSettings, QuadraticProgram, Solution, control_settings, solve_qp
-from iwalker_jax.robot import ARM_POSITIONS, LEG_COUNT, RigidBodyTerms, RobotModel
+from iwalker_jax.robot import RigidBodyTerms, RobotModel
 
 
 @jax.tree_util.register_dataclass
@@ -37,12 +36,14 @@ class Controller:
     Attributes:
         gains: of the stepping feedback.
         actuation: motors, their limits and the arms' posture.
+        ankles_roll: whether swing feet can be kept level sideways.
         time_step: control period [s].
         gait, tasks, solver: parameters, static under jit.
     """
 
     gains: SteppingGains
     actuation: Actuation
+    ankles_roll: bool = field(metadata={"static": True}, default=False)
     time_step: float = field(metadata={"static": True}, default=TIME_STEP)
     gait: GaitParameters = field(metadata={"static": True}, default=GaitParameters())
     tasks: WholeBodyParameters = field(metadata={"static": True}, default=WholeBodyParameters())
@@ -68,13 +69,13 @@ class ControlInfo(NamedTuple):
         reference: of the step clock.
         program: the quadratic program.
         solution: its solution.
-        forces: (4, 3) [N] planned contact forces, world frame.
+        forces: (c, 3) [N] planned contact forces, world frame.
     """
 
     reference: GaitReference
     program: QuadraticProgram
     solution: Solution
-    forces: Float[Array, "4 3"]
+    forces: Float[Array, "c 3"]
 
 
 def posture_of(terms: RigidBodyTerms, touching: Bool[Array, "2"]) -> Posture:
@@ -87,7 +88,7 @@ def posture_of(terms: RigidBodyTerms, touching: Bool[Array, "2"]) -> Posture:
 def initial_controller(controller: Controller, terms: RigidBodyTerms) -> ControllerState:
     """Memory of a robot that stands on both feet."""
     dtype = terms.com.dtype
-    legs, contacts = LEG_COUNT, len(CONTACT_FEET)
+    legs, contacts = controller.actuation.leg_count, terms.contact_positions.shape[0]
     share = jnp.asarray([0.0, 0.0, 1.0], dtype) * terms.mass * GRAVITY / contacts
     rows = jnp.zeros(FRICTION_ROWS * contacts + legs, dtype)
     warm = QpPoint(
@@ -134,7 +135,7 @@ def control_step(
     arm_acceleration = p.arm_kp * (controller.actuation.arm_pose - arms[0]) - p.arm_kd * arms[1]
     dynamics, program, solution = solve_whole_body(controller, terms, reference, arm_acceleration, state.warm)
     torques = motor_torques(controller.actuation, dynamics, solution.value.x)
-    forces = solution.value.x[-3 * len(CONTACT_FEET) :].reshape(-1, 3)
+    forces = solution.value.x[controller.actuation.leg_count :].reshape(-1, 3)
     return torques, ControllerState(gait_state, solution.value), ControlInfo(reference, program, solution, forces)
 
 
@@ -169,7 +170,7 @@ def solve_whole_body(
         start: guess of the solution.
     """
     tasks = whole_body_tasks(controller, terms, reference)
-    carrying = reference.stance[jnp.asarray(CONTACT_FEET)]
+    carrying = jnp.repeat(reference.stance, terms.contact_positions.shape[0] // 2)
     dynamics = reduced_dynamics(terms, carrying, arm_acceleration)
     program = whole_body_program(controller.tasks, controller.actuation, dynamics, tasks, carrying, terms.mass)
     return WholeBodySolution(dynamics, program, solve_qp(program, start, controller.solver))
@@ -180,7 +181,12 @@ def whole_body_tasks(controller: Controller, terms: RigidBodyTerms, reference: G
     p = controller.tasks
     return stack(
         [
-            *(foot_task(p, terms, foot, reference.stance[foot], reference.foot, reference.foot_yaw) for foot in Side),
+            *(
+                foot_task(
+                    p, terms, foot, controller.ankles_roll, reference.stance[foot], reference.foot, reference.foot_yaw
+                )
+                for foot in Side
+            ),
             torso_task(p, terms, reference.heading),
             com_task(p, terms, reference.com_acceleration, reference.com_height),
             angular_momentum_task(p, terms),
@@ -201,11 +207,12 @@ def make_controller(
     actuation = Actuation(
         motors_from_torques=jnp.asarray(np.linalg.inv(moments.T), dtype),
         limits=jnp.min(jnp.abs(robot.motor_limits), axis=1),
-        arm_pose=robot.home[ARM_POSITIONS],
+        arm_pose=robot.home[robot.arm_positions],
     )
     return Controller(
         stepping_gains(gait, dtype),
         actuation,
+        robot.ankles_roll,
         robot.time_step,
         gait,
         tasks or WholeBodyParameters(),

@@ -11,7 +11,7 @@ from iwalker_jax.geometry import Side, arc_length, host, interpolate_along, side
 
 
 class FootstepPlan(NamedTuple):
-    """Footsteps to take one after the other, left and right in turn; positions are of the middle of the line foot.
+    """Footsteps to take one after the other, left and right in turn; positions are of the middle of the sole.
 
     Attributes:
         positions: (K, 2) [m] in the world frame; rows from `count` on are ignored.

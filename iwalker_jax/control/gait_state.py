@@ -66,7 +66,7 @@ class Posture(NamedTuple):
 
     Attributes:
         com, com_velocity: (3,) [m, m/s].
-        feet: (2, 3) [m] middle of each line foot.
+        feet: (2, 3) [m] middle of each sole.
         foot_yaws: (2,) [rad].
         touching: (2,) bool, feet that press on the floor.
     """

@@ -62,6 +62,8 @@ class GaitParameters:
         late_touchdown: a swing foot that has not met the floor in time goes on down for this long [s].
         descent_speed: at which it does [m/s].
         early_touchdown: whether a foot that touches the floor in the second half of its swing ends the step.
+        width: [m] between the tracks of the two feet, and
+        speed: [m/s] of walks that do not say theirs.
     """
 
     hlip: HlipParameters = HlipParameters()
@@ -93,6 +95,8 @@ class GaitParameters:
     late_touchdown: float = 0.08
     descent_speed: float = 0.3
     early_touchdown: bool = False
+    width: float = 0.10
+    speed: float = 0.15
 
     def __post_init__(self) -> None:
         if self.hlip.double_support_time != 0:

@@ -37,16 +37,19 @@ def foot_task(
     parameters: WholeBodyParameters,
     terms: RigidBodyTerms,
     foot: Side,
+    rolls: bool,
     stance: Float[Array, ""],
     motion: TrajectoryPoint,
     yaw: TrajectoryPoint,
 ) -> WholeBodyTask:
     """Position of a foot's middle, its pitch and its yaw: damped where it stands, tracked where it swings.
 
-    Roll is left free because the ankle has none. Pitch is the angular motion about the foot's horizontal lateral axis.
+    Pitch is the angular motion about the foot's horizontal lateral axis. Roll, about its own forward axis, is left free
+    where the ankle has none.
 
     Args:
         foot: which one.
+        rolls: whether the ankle can roll.
         stance: 1 where it carries, 0 where it swings.
         motion, yaw: of the swing foot, world frame.
     """
@@ -54,7 +57,8 @@ def foot_task(
     forward = terms.foot_rotations[foot][:, 0]
     level = jnp.sqrt(forward[0] ** 2 + forward[1] ** 2 + 1e-12)
     lateral = jnp.stack([-forward[1], forward[0], jnp.zeros_like(level)]) / level
-    axes = jnp.stack([lateral, jnp.zeros_like(lateral).at[2].set(1.0)])
+    turns = [lateral, jnp.zeros_like(lateral).at[2].set(1.0)]
+    axes = jnp.stack([*turns, forward] if rolls else turns)
     jacobian = terms.foot_jacobians[foot]
     rows = jnp.concatenate([jacobian[:3], axes @ jacobian[3:]])
     velocity = terms.foot_velocities[foot]
@@ -67,15 +71,17 @@ def foot_task(
         + p.swing_position_kd * (motion.velocity - velocity[:3])
     )
     facing = jnp.arctan2(forward[1], forward[0])
-    error = jnp.stack([forward[2], angle_between(yaw.position, facing)])
-    rate = jnp.stack([jnp.zeros_like(yaw.velocity), yaw.velocity])
-    bend = jnp.stack([jnp.zeros_like(yaw.velocity), yaw.acceleration])
+    still = jnp.zeros_like(yaw.velocity)
+    roll = [-terms.foot_rotations[foot][2, 1]] if rolls else []
+    error = jnp.stack([forward[2], angle_between(yaw.position, facing), *roll])
+    rate = jnp.stack([still, yaw.velocity, *[still for _ in roll]])
+    bend = jnp.stack([still, yaw.acceleration, *[still for _ in roll]])
     swing_angular = bend + p.swing_orientation_kp * error + p.swing_orientation_kd * (rate - spin)
     swing = jnp.concatenate([swing_linear, swing_angular])
     standing = -p.stance_kd * jnp.concatenate([velocity[:3], spin])
-    swing_weight = jnp.asarray([p.swing_position] * 3 + [p.swing_orientation] * 2, rows.dtype)
+    swing_weight = jnp.asarray([p.swing_position] * 3 + [p.swing_orientation] * len(axes), rows.dtype)
     # Two points 42 mm either side of the middle held with the weight of the middle give the angular share.
-    stance_weight = jnp.asarray([p.stance] * 3 + [p.stance_angular] * 2, rows.dtype)
+    stance_weight = jnp.asarray([p.stance] * 3 + [p.stance_angular] * len(axes), rows.dtype)
     target = jnp.where(stance > 0, standing, swing) - bias
     return WholeBodyTask(rows, target, jnp.where(stance > 0, stance_weight, swing_weight))
 

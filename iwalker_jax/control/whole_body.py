@@ -15,12 +15,9 @@ from jaxtyping import Array, Float
 from iwalker_jax.constants import GRAVITY
 from iwalker_jax.control.parameters import WholeBodyParameters
 from iwalker_jax.control.tasks import WholeBodyTask
-from iwalker_jax.geometry import Side
 from iwalker_jax.optimization import QuadraticProgram
 from iwalker_jax.robot import RigidBodyTerms
 
-CONTACT_FEET = (Side.RIGHT, Side.RIGHT, Side.LEFT, Side.LEFT)
-"""The foot of each contact point."""
 FRICTION_ROWS = 5
 """Of a contact point: four sides of the pyramid and the vertical force."""
 
@@ -39,6 +36,11 @@ class Actuation:
     motors_from_torques: Float[Array, "nu nu"]
     limits: Float[Array, " nu"]
     arm_pose: Float[Array, " na"]
+
+    @property
+    def leg_count(self) -> int:
+        """Joints, and motors, of both legs."""
+        return self.limits.shape[0] - self.arm_pose.shape[0]
 
 
 class Dynamics(NamedTuple):

@@ -42,7 +42,7 @@ from iwalker_jax.navigation.path_band import BAND_POINTS
 from iwalker_jax.navigation.sightings import Sighting
 from iwalker_jax.navigation.step_planning import stop_steps
 from iwalker_jax.optimization import Status
-from iwalker_jax.robot import ARM_POSITIONS, ARM_VELOCITIES, rigid_body_terms
+from iwalker_jax.robot import rigid_body_terms
 from iwalker_jax.walking import has_fallen
 
 Arrays = dict[str, Any]
@@ -110,7 +110,7 @@ def control_tick(navigator: Navigator, arrays: Arrays) -> Arrays:
     terms = rigid_body_terms(walker.robot, qpos, qvel)
     posture = posture_of(terms, arrays["touching"])
     memory = _with_command(navigator, posture, command, arrays["halt"], before)
-    arms = qpos[ARM_POSITIONS], qvel[ARM_VELOCITIES]
+    arms = qpos[walker.robot.arm_positions], qvel[walker.robot.arm_velocities]
     torques, controller, info = control_step(
         walker.controller, terms, arms, arrays["touching"], memory.plan, memory.controller
     )

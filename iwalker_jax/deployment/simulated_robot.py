@@ -10,7 +10,7 @@ from bruce_model import load_mujoco
 from iwalker_jax.navigation import body_clearance_at, load_body_volume, load_camera, place_at
 from iwalker_jax.navigation.depth_camera import start_depth_camera, take_depth
 from iwalker_jax.perception import Intrinsics
-from iwalker_jax.robot import load_robot
+from iwalker_jax.robot import load_robot_model
 from iwalker_jax.scenes import DepthNoise, SceneArrays
 from iwalker_jax.tasks import Task, stack_tasks
 from iwalker_jax.walking import Disturbances, MujocoRobot, sample_conditions
@@ -48,13 +48,13 @@ class SimulatedRobot:
             noise: of the camera; None for ideal depth.
         """
         model = load_mujoco()
-        robot, camera, volume = load_robot(model), load_camera(model), load_body_volume(model)
+        robot, camera, volume = load_robot_model(model), load_camera(model), load_body_volume(model)
         arrays = stack_tasks([task])
         drawn = place_at(sample_conditions(robot, Disturbances(), 1, seed), arrays.start)
         conditions = jax.tree.map(lambda leaf: leaf[0], drawn)
         scene: SceneArrays = jax.tree.map(lambda leaf: leaf[0], arrays.scene)
         self.time_step = robot.time_step
-        self._robot = MujocoRobot(model, conditions)
+        self._robot = MujocoRobot(robot, model, conditions)
         self._camera_state = start_depth_camera(camera, conditions.qpos, conditions.key)
         self._take = jax.jit(lambda qpos, state: take_depth(camera, intrinsics, noise, scene, qpos, state))
         self._clearance = jax.jit(lambda qpos: body_clearance_at(robot, volume, scene, qpos))

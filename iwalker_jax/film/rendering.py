@@ -16,7 +16,7 @@ from iwalker_jax.errors import InputError
 from iwalker_jax.film.headless import NO_RENDERING, missing_backend
 from iwalker_jax.film.markers import MARK_COLOURS, add_footsteps, add_forces, add_shadow
 from iwalker_jax.film.recorded_motion import check_motion, resample_motion, smooth_track
-from iwalker_jax.robot import CONTACT_POINTS
+from iwalker_jax.robot import contact_point_names
 from iwalker_jax.walking import TimedFootsteps
 
 
@@ -71,7 +71,7 @@ class Overlays(NamedTuple):
 
     Attributes:
         footsteps: planned footsteps, on the floor.
-        forces: (N, 4, 3) [N] contact forces at `CONTACT_POINTS`, world frame.
+        forces: (N, c, 3) [N] contact forces at the model's contact points, world frame.
         pushes: (N, 3) [N] force on the base, world frame.
         caption: line of text under the clock.
         legend: whether to say what the marks mean.
@@ -79,7 +79,7 @@ class Overlays(NamedTuple):
     """
 
     footsteps: TimedFootsteps | None = None
-    forces: Float[np.ndarray, "n 4 3"] | None = None
+    forces: Float[np.ndarray, "n c 3"] | None = None
     pushes: Float[np.ndarray, "n 3"] | None = None
     caption: str = ""
     legend: bool = False
@@ -151,13 +151,11 @@ def set_configuration(model: mujoco.MjModel, data: mujoco.MjData, qpos: Float[np
 
 def check_overlays(model: mujoco.MjModel, overlays: Overlays, instants: int) -> None:
     """Raise InputError unless the overlays fit the motion's instants and the model has the sites they need."""
-    for name, wanted in (("forces", (instants, len(CONTACT_POINTS), 3)), ("pushes", (instants, 3))):
+    points = 0 if overlays.forces is None else len(contact_point_names(model))
+    for name, wanted in (("forces", (instants, points, 3)), ("pushes", (instants, 3))):
         given = getattr(overlays, name)
         if given is not None and np.shape(given) != wanted:
             raise InputError(f"The overlay's {name} have shape {np.shape(given)}; this motion needs {wanted}.")
-    missing = [name for name in CONTACT_POINTS if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name) < 0]
-    if overlays.forces is not None and missing:
-        raise InputError(f"The model has no site {missing[0]!r} to draw a contact force at; leave the forces out.")
 
 
 def draw_overlays(scene: mujoco.MjvScene, data: mujoco.MjData, overlays: Overlays, now: float, row: int) -> None:
@@ -165,7 +163,8 @@ def draw_overlays(scene: mujoco.MjvScene, data: mujoco.MjData, overlays: Overlay
     if overlays.footsteps is not None:
         add_footsteps(scene, overlays.footsteps, now)
     if overlays.forces is not None:
-        add_forces(scene, np.stack([data.site(name).xpos for name in CONTACT_POINTS]), overlays.forces[row])
+        points = [data.site(name).xpos for name in contact_point_names(data.model)]
+        add_forces(scene, np.stack(points), overlays.forces[row])
     if overlays.pushes is not None:
         add_forces(scene, data.xipos[1:2], overlays.pushes[row : row + 1], push=True)
 

@@ -21,18 +21,9 @@ from iwalker_jax.robot.mjx_step import (
     complete_step_by_mjx,
 )
 from iwalker_jax.robot.model import (
-    ARM_POSITIONS,
-    ARM_VELOCITIES,
-    CONTACT_POINTS,
-    FEET,
-    LEG_COUNT,
-    LEG_JOINTS,
-    LEG_POSITIONS,
-    LEG_VELOCITIES,
     RobotModel,
     compile_model,
-    load_robot,
-    site_index,
+    load_robot_model,
 )
 from iwalker_jax.robot.physics import (
     PhysicsInfo,
@@ -50,20 +41,18 @@ from iwalker_jax.robot.rigid_body import (
     rigid_body_terms,
     terms_from_data,
 )
+from iwalker_jax.robot.structure import (
+    FEET,
+    contact_point_names,
+    site_index,
+)
 from iwalker_jax.robot.variation import (
     vary,
     vary_mujoco,
 )
 
 __all__ = [
-    "ARM_POSITIONS",
-    "ARM_VELOCITIES",
-    "CONTACT_POINTS",
     "FEET",
-    "LEG_COUNT",
-    "LEG_JOINTS",
-    "LEG_POSITIONS",
-    "LEG_VELOCITIES",
     "ContactSettings",
     "FootMotion",
     "LegKinematics",
@@ -77,11 +66,12 @@ __all__ = [
     "compile_model",
     "complete_step",
     "complete_step_by_mjx",
+    "contact_point_names",
     "foot_jacobian",
     "foot_motion",
     "initial_state",
     "load_leg_kinematics",
-    "load_robot",
+    "load_robot_model",
     "physics_step",
     "place_robot",
     "rigid_body_terms",

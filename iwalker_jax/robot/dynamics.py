@@ -28,7 +28,7 @@ class SmoothStages(NamedTuple):
         axes: (nv, 6) motion axes, spatial vectors about the base's origin.
         drifts: (nv, 6) what each velocity adds to spatial accelerations at zero generalised acceleration.
         mass_matrix: (nv, nv) with reflected inertias; bias: (nv,).
-        site_positions: (7, 3) [m] of contact points, feet and IMU; site_rotations: (7, 3, 3).
+        site_positions: (s, 3) [m] of contact points, feet and IMU; site_rotations: (s, 3, 3).
         geom_positions: (geoms, 3), geom_rotations: (geoms, 3, 3) of the geoms that can touch something.
     """
 
@@ -43,8 +43,8 @@ class SmoothStages(NamedTuple):
     drifts: Float[Array, "nv 6"]
     mass_matrix: Float[Array, "nv nv"]
     bias: Float[Array, " nv"]
-    site_positions: Float[Array, "7 3"]
-    site_rotations: Float[Array, "7 3 3"]
+    site_positions: Float[Array, "s 3"]
+    site_rotations: Float[Array, "s 3 3"]
     geom_positions: Float[Array, "geoms 3"]
     geom_rotations: Float[Array, "geoms 3 3"]
 

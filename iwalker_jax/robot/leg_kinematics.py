@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.robot.structure import FEET, leg_joint_ids, site_index
 
 FootPoint = Literal["midfoot", "toe", "heel"]
 """A point of the sole: midway between the toe and heel contacts, or one of them."""
@@ -66,11 +67,11 @@ def load_leg_kinematics(model: mujoco.MjModel) -> LegKinematics:
     data.qpos[:] = model.qpos0
     data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
     mujoco.mj_kinematics(model, data)
-    chains = [_joints_above(model, f"midfoot_{side}") for side in "rl"]
+    chains = [leg_joint_ids(model, name) for name in FEET]
     if len(chains[0]) != len(chains[1]):
         raise InputError(f"The legs have {len(chains[0])} and {len(chains[1])} joints; both need as many.")
     addresses = model.jnt_qposadr
-    sites = [[_site(model, f"{point}_{side}") for point in _POINTS] for side in "rl"]
+    sites = [[site_index(model, f"{point}_{side}") for point in _POINTS] for side in "rl"]
     return LegKinematics(
         axes=data.xaxis[chains].copy(),
         anchors=data.xanchor[chains].copy(),
@@ -138,26 +139,3 @@ def _per_leg(legs: LegKinematics, joints: Float[Array, " joints"]) -> Float[Arra
     """The legs' entries of an array over all joints."""
     count = legs.axes.shape[1]
     return jnp.stack([joints[start : start + count] for start in legs.starts])
-
-
-def _joints_above(model: mujoco.MjModel, site: str) -> list[int]:
-    """Joints from the base down to the body that carries a site."""
-    body = model.site_bodyid[_site(model, site)]
-    joints: list[int] = []
-    while body != model.jnt_bodyid[0]:
-        if body == 0:
-            raise InputError(f"Site {site!r} does not hang from the floating base; move it to a foot.")
-        first, count = model.body_jntadr[body], model.body_jntnum[body]
-        joints = [*range(first, first + count), *joints]
-        body = model.body_parentid[body]
-    if not joints or any(model.jnt_type[joints] != mujoco.mjtJoint.mjJNT_HINGE) or any(np.diff(joints) != 1):
-        raise InputError(f"The joints from the base to site {site!r} must be hinges that follow one another.")
-    return joints
-
-
-def _site(model: mujoco.MjModel, name: str) -> int:
-    """Index of a site."""
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
-    if index < 0:
-        raise InputError(f"The model has no site {name!r}; leg kinematics needs it.")
-    return index

@@ -1,9 +1,10 @@
 """Loading a robot: an MJCF model checked once, and everything index-like in it derived from names.
 
-A robot qualifies if it has a floating base, the joints `LEG_JOINTS` on both legs ahead of all other joints, the sites
-of `CONTACT_POINTS`, `FEET` and "imu", spheres or other geoms named as the contact points, and a motor per joint.
+A robot qualifies if it has a floating base, the sites `FEET` and "imu", on both feet's bodies as many contact points (a
+site and a geom of one name each), the right leg's joints, then the left's, ahead of all others, and a motor per joint.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 
@@ -18,32 +19,19 @@ from iwalker_jax.robot.engine import mjx
 from iwalker_jax.robot.limbs import Limbs
 from iwalker_jax.robot.skeleton import Skeleton, load_skeleton
 from iwalker_jax.robot.structure import (
+    FEET,
     contact_bodies,
     contact_pairs,
+    contact_point_names,
+    leg_joint_ids,
     limb_pattern,
     motor_limits,
     motor_moments,
+    site_index,
     tendon_moments,
     touching_geoms,
 )
 from iwalker_jax.robot.support import check_supported
-
-LEG_JOINTS = ("hip_yaw", "hip_pitch", "hip_roll", "knee_pitch", "ankle_pitch")
-"""Joints of a leg, hip first; the right leg's carry the ending _r, the left's _l."""
-LEG_COUNT = 2 * len(LEG_JOINTS)
-"""Joints, and motors, of both legs."""
-LEG_POSITIONS = slice(7, 7 + LEG_COUNT)
-"""Of the positions qpos: the legs' joints."""
-ARM_POSITIONS = slice(7 + LEG_COUNT, None)
-"""Of the positions qpos: all other joints."""
-LEG_VELOCITIES = slice(6, 6 + LEG_COUNT)
-"""Of the velocities qvel: the legs' joints."""
-ARM_VELOCITIES = slice(6 + LEG_COUNT, None)
-"""Of the velocities qvel: all other joints."""
-CONTACT_POINTS = ("toe_r", "heel_r", "toe_l", "heel_l")
-"""Sites where the feet touch the floor, and the geoms that do it."""
-FEET = ("midfoot_r", "midfoot_l")
-"""Sites midway between toe and heel at sole height, in the foot's axes."""
 
 
 @jax.tree_util.register_dataclass
@@ -61,7 +49,8 @@ class RobotModel:
         skeleton: constants of the kinematics.
         home: (nq,) positions of the first keyframe, or the model's reference.
         base, foot_bodies: bodies.
-        contact_geoms: geoms of the contact points.
+        leg_joints: joints, and motors, of one leg.
+        contact_geoms: geoms of the contact points, the right foot's first and as many on either.
         contact_bodies: of each possible contact the body that moves, and 1 if the normal points to it, else -1.
         limbs: the pattern of the mass matrix.
         joint_names, motor_names: in the model's order.
@@ -77,6 +66,7 @@ class RobotModel:
     home: Float[Array, " nq"]
     base: int = field(metadata={"static": True})
     foot_bodies: tuple[int, ...] = field(metadata={"static": True})
+    leg_joints: int = field(metadata={"static": True})
     contact_geoms: tuple[int, ...] = field(metadata={"static": True})
     contact_bodies: tuple[tuple[int, int], ...] = field(metadata={"static": True})
     limbs: Limbs = field(metadata={"static": True})
@@ -85,8 +75,43 @@ class RobotModel:
     time_step: float = field(metadata={"static": True})
     damped: bool = field(metadata={"static": True})
 
+    @property
+    def leg_count(self) -> int:
+        """Joints, and motors, of both legs."""
+        return 2 * self.leg_joints
 
-def load_robot(source: mujoco.MjModel | str | PathLike) -> RobotModel:
+    @property
+    def ankles_roll(self) -> bool:
+        """Whether the legs have six joints, so that a sole's whole attitude can be chosen, not five."""
+        return self.leg_joints == 6
+
+    @property
+    def foot_points(self) -> int:
+        """Contact points of one foot."""
+        return len(self.contact_geoms) // 2
+
+    @property
+    def leg_positions(self) -> slice:
+        """Of the positions qpos: the legs' joints."""
+        return slice(7, 7 + self.leg_count)
+
+    @property
+    def arm_positions(self) -> slice:
+        """Of the positions qpos: all other joints."""
+        return slice(7 + self.leg_count, None)
+
+    @property
+    def leg_velocities(self) -> slice:
+        """Of the velocities qvel: the legs' joints."""
+        return slice(6, 6 + self.leg_count)
+
+    @property
+    def arm_velocities(self) -> slice:
+        """Of the velocities qvel: all other joints."""
+        return slice(6 + self.leg_count, None)
+
+
+def load_robot_model(source: mujoco.MjModel | str | PathLike) -> RobotModel:
     """Read and check a robot; load it in the precision it is to be used in.
 
     Args:
@@ -97,16 +122,13 @@ def load_robot(source: mujoco.MjModel | str | PathLike) -> RobotModel:
     """
     model = compile_model(source)
     check_supported(model)
-    joints = [_name(model, "joint", k) for k in range(1, model.njnt)]
-    _check_joints(joints)
+    legs = [leg_joint_ids(model, name) for name in FEET]
+    _check_legs(model, *legs)
     moments = motor_moments(model)
-    _check_motors(model, moments)
+    _check_motors(model, moments, sum(map(len, legs)))
     foot_sites = tuple(site_index(model, name) for name in FEET)
-    foot_bodies = tuple(int(model.site_bodyid[site]) for site in foot_sites)
-    contact_sites = tuple(site_index(model, name) for name in CONTACT_POINTS)
-    for k, name in enumerate(CONTACT_POINTS):
-        if model.site_bodyid[contact_sites[k]] != foot_bodies[k // 2]:
-            raise InputError(f"Sites {name!r} and {FEET[k // 2]!r} lie on different bodies; move both to the foot.")
+    points = contact_point_names(model)
+    contact_sites = tuple(site_index(model, name) for name in points)
     imu = site_index(model, "imu")
     base = int(model.jnt_bodyid[0])
     if model.site_bodyid[imu] != base:
@@ -122,11 +144,12 @@ def load_robot(source: mujoco.MjModel | str | PathLike) -> RobotModel:
         skeleton=load_skeleton(model, (*contact_sites, *foot_sites, imu), touching_geoms(pairs)),
         home=jnp.asarray(model.key_qpos[0] if model.nkey else model.qpos0),
         base=base,
-        foot_bodies=foot_bodies,
-        contact_geoms=tuple(_geom_index(model, name) for name in CONTACT_POINTS),
+        foot_bodies=tuple(int(model.site_bodyid[site]) for site in foot_sites),
+        leg_joints=len(legs[0]),
+        contact_geoms=tuple(int(model.geom(name).id) for name in points),
         contact_bodies=touching,
         limbs=limb_pattern(model, [body for body, _ in touching]),
-        joint_names=tuple(joints),
+        joint_names=tuple(_name(model, "joint", k) for k in range(1, model.njnt)),
         motor_names=tuple(_name(model, "actuator", k) for k in range(model.nu)),
         time_step=float(model.opt.timestep),
         damped=bool(np.any(model.dof_damping > 0)),
@@ -150,51 +173,29 @@ def compile_model(source: mujoco.MjModel | str | PathLike) -> mujoco.MjModel:
         raise InputError(f"MuJoCo cannot load the robot ({reason}); give an MJCF file, its text or a model.") from error
 
 
-def site_index(model: mujoco.MjModel, name: str) -> int:
-    """Index of a site.
-
-    Raises:
-        InputError: there is none of that name.
-    """
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
-    if index < 0:
-        raise InputError(f"The robot has no site {name!r}; add it to the MJCF model.")
-    return index
-
-
 def _name(model: mujoco.MjModel, kind: str, index: int) -> str:
     """Name of an object."""
     return str(getattr(model, kind)(index).name)
 
 
-def _geom_index(model: mujoco.MjModel, name: str) -> int:
-    """Index of the geom of a contact point."""
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
-    if index < 0:
-        raise InputError(f"The robot has no geom {name!r}, which touches the floor; name the foot's contact geom so.")
-    return index
-
-
-def _check_joints(names: list[str]) -> None:
-    """Require the legs' joints, right leg first."""
-    wanted = [f"{name}_{side}" for side in "rl" for name in LEG_JOINTS]
-    missing = [name for name in wanted if name not in names]
-    if missing:
-        raise InputError(f"The robot lacks the joints {', '.join(missing)}; name the legs' joints so.")
-    if names[: len(wanted)] != wanted:
+def _check_legs(model: mujoco.MjModel, right: Sequence[int], left: Sequence[int]) -> None:
+    """Require legs of as many joints, the right one's ahead of the left one's and both ahead of all other joints."""
+    if len(right) != len(left) or len(right) not in (5, 6):
         raise InputError(
-            f"The joints start {', '.join(names[: len(wanted)])}; order them {', '.join(wanted)}, then the rest."
+            f"The legs have {len(right)} and {len(left)} joints; give both five, or six with an ankle roll."
         )
+    wanted = [*right, *left]
+    if wanted != list(range(1, 1 + len(wanted))):
+        names = ", ".join(_name(model, "joint", joint) for joint in wanted)
+        raise InputError(f"The legs' joints are not the first ones; order them {names}, then the rest.")
 
 
-def _check_motors(model: mujoco.MjModel, moments: Float[np.ndarray, "nu nv"]) -> None:
-    """Require one motor a joint, the legs' first, that together can give any joint torques."""
+def _check_motors(model: mujoco.MjModel, moments: Float[np.ndarray, "nu nv"], legs: int) -> None:
+    """Require one motor a joint, those of the legs' joints first, that together can give any joint torques."""
     joints = model.nv - 6
     if model.nu != joints or np.linalg.matrix_rank(moments[:, 6:]) < joints:
         raise InputError(
             f"The robot's {model.nu} motors do not drive its {joints} joints one to one; add a motor each."
         )
-    if np.any(moments[:LEG_COUNT, ARM_VELOCITIES]) or np.any(moments[LEG_COUNT:, LEG_VELOCITIES]):
-        raise InputError(
-            f"The first {LEG_COUNT} motors must drive the legs and the others the rest; reorder <actuator>."
-        )
+    if np.any(moments[:legs, 6 + legs :]) or np.any(moments[legs:, 6 : 6 + legs]):
+        raise InputError(f"The first {legs} motors must drive the legs and the others the rest; reorder <actuator>.")

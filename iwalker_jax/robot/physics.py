@@ -40,18 +40,18 @@ class PhysicsInfo(NamedTuple):
 
     Attributes:
         acceleration: (nv,) generalised acceleration.
-        contact_forces: (4, 3) [N] on the robot, world frame, by contact point.
-        contact_distances: (4,) [m] from each contact point to what it can touch; negative when it penetrates.
-        touching: (4,) bool, whether a contact point is pressed.
+        contact_forces: (c, 3) [N] on the robot, world frame, by contact point.
+        contact_distances: (c,) [m] from each contact point to what it can touch; negative when it penetrates.
+        touching: (c,) bool, whether a contact point is pressed.
         gyro: (3,) [rad/s] angular velocity in the IMU frame.
         accelerometer: (3,) [m/s^2] specific force in the IMU frame; (0, 0, g) at rest on level ground.
         residual: () of the contact solver, relative; iterations: () it took.
     """
 
     acceleration: Float[Array, " nv"]
-    contact_forces: Float[Array, "4 3"]
-    contact_distances: Float[Array, "4"]
-    touching: Bool[Array, "4"]
+    contact_forces: Float[Array, "c 3"]
+    contact_distances: Float[Array, " c"]
+    touching: Bool[Array, " c"]
     gyro: Float[Array, "3"]
     accelerometer: Float[Array, "3"]
     residual: Float[Array, ""]
@@ -149,7 +149,7 @@ def _integrate(qpos: Float[Array, " nq"], qvel: Float[Array, " nv"], time_step: 
 
 def contact_forces(
     robot: RobotModel, contact: mjx.Contact, row_forces: Float[Array, " m"]
-) -> tuple[Float[Array, "4 3"], Float[Array, "4"]]:
+) -> tuple[Float[Array, "c 3"], Float[Array, " c"]]:
     """World-frame force on each contact point, and its distance to the nearest geom it can touch."""
     world = jnp.sum(row_forces.reshape(-1, 4, 1) * pyramid_edges(contact), axis=1)
     points = jnp.asarray(robot.contact_geoms)[:, None]
@@ -161,7 +161,7 @@ def contact_forces(
 
 def imu_readings(robot: RobotModel, data: SmoothStages, acceleration: Float[Array, " nv"]) -> tuple[Array, Array]:
     """Gyroscope and accelerometer readings in the IMU frame."""
-    rotation, arm = data.site_rotations[6], data.site_positions[6] - data.base_position
+    rotation, arm = data.site_rotations[-1], data.site_positions[-1] - data.base_position
     motion = data.qvel[:6] @ data.axes[:6]
     change = jnp.sum(data.drifts[:6], axis=0) + acceleration[:6] @ data.axes[:6]
     point = point_velocity(change, arm) + jnp.cross(motion[:3], point_velocity(motion, arm))

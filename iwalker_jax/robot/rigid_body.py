@@ -17,7 +17,7 @@ from iwalker_jax.robot.model import RobotModel
 class RigidBodyTerms(NamedTuple):
     """Rigid-body quantities in world axes; `bias` accelerations are those at zero generalised acceleration.
 
-    Contact points are ordered toe, heel of the right, then of the left foot; feet right, left.
+    Contact points are ordered as `RobotModel.contact_geoms`, the right foot's first; feet right, left.
 
     Attributes:
         mass_matrix: (nv, nv) with reflected inertias of joints and tendons.
@@ -27,8 +27,8 @@ class RigidBodyTerms(NamedTuple):
         com_jacobian: (3, nv); com_bias_acceleration: (3,) [m/s^2].
         angular_momentum: (3,) about the COM [kg m^2/s]; reflected inertias do not count.
         angular_momentum_jacobian: (3, nv); angular_momentum_bias: (3,) [N m].
-        contact_positions: (4, 3) [m]; contact_velocities: (4, 3) [m/s].
-        contact_jacobians: (4, 3, nv); contact_bias_accelerations: (4, 3) [m/s^2].
+        contact_positions: (c, 3) [m]; contact_velocities: (c, 3) [m/s].
+        contact_jacobians: (c, 3, nv); contact_bias_accelerations: (c, 3) [m/s^2].
         foot_positions: (2, 3) of the feet's middles [m]; foot_rotations: (2, 3, 3) from foot to world axes.
         foot_jacobians: (2, 6, nv) and foot_velocities: (2, 6): linear of the middle, then angular.
         foot_bias_accelerations: (2, 6) [m/s^2, rad/s^2].
@@ -46,10 +46,10 @@ class RigidBodyTerms(NamedTuple):
     angular_momentum: Float[Array, "3"]
     angular_momentum_jacobian: Float[Array, "3 nv"]
     angular_momentum_bias: Float[Array, "3"]
-    contact_positions: Float[Array, "4 3"]
-    contact_velocities: Float[Array, "4 3"]
-    contact_jacobians: Float[Array, "4 3 nv"]
-    contact_bias_accelerations: Float[Array, "4 3"]
+    contact_positions: Float[Array, "c 3"]
+    contact_velocities: Float[Array, "c 3"]
+    contact_jacobians: Float[Array, "c 3 nv"]
+    contact_bias_accelerations: Float[Array, "c 3"]
     foot_positions: Float[Array, "2 3"]
     foot_rotations: Float[Array, "2 3 3"]
     foot_jacobians: Float[Array, "2 6 nv"]
@@ -73,14 +73,16 @@ def terms_from_data(robot: RobotModel, data: SmoothStages) -> RigidBodyTerms:
     arm = data.com - data.base_position
     spin_jacobian = rotation @ data.mass_matrix[3:6] - jnp.cross(arm[:, None], momentum_jacobian, axis=0)
 
-    # The four contact points, then the middles of the feet: points of the right, right, left, left, right, left foot.
-    positions, arms = data.site_positions[:6], data.site_positions[:6] - data.base_position
+    # The contact points, then the middles of the feet.
+    points, contacts = robot.foot_points, 2 * robot.foot_points
+    positions = data.site_positions[: contacts + 2]
+    arms = positions - data.base_position
     chains = jnp.stack([robot.skeleton.chains[robot.skeleton.body_ids.index(body)] for body in robot.foot_bodies])
     motion, drift = chains @ (data.axes * data.qvel[:, None]), chains @ data.drifts
-    jacobians = _by_point(chains)[:, None] * jnp.swapaxes(point_velocity(data.axes, arms[:, None]), 1, 2)
-    spins = _by_point(motion)[:, :3]
-    velocities = point_velocity(_by_point(motion), arms)
-    accelerations = point_velocity(_by_point(drift), arms) + jnp.cross(spins, velocities)
+    jacobians = _by_point(chains, points)[:, None] * jnp.swapaxes(point_velocity(data.axes, arms[:, None]), 1, 2)
+    spins = _by_point(motion, points)[:, :3]
+    velocities = point_velocity(_by_point(motion, points), arms)
+    accelerations = point_velocity(_by_point(drift, points), arms) + jnp.cross(spins, velocities)
     turns = chains[:, None] * data.axes[:, :3].T
     torso_jacobian = jnp.zeros_like(momentum_jacobian).at[:, 3:6].set(rotation)
     return RigidBodyTerms(
@@ -94,15 +96,15 @@ def terms_from_data(robot: RobotModel, data: SmoothStages) -> RigidBodyTerms:
         angular_momentum=spin_jacobian @ data.qvel,
         angular_momentum_jacobian=spin_jacobian,
         angular_momentum_bias=rotation @ bias[3:6] - jnp.cross(arm, bias[:3]),
-        contact_positions=positions[:4],
-        contact_velocities=velocities[:4],
-        contact_jacobians=jacobians[:4],
-        contact_bias_accelerations=accelerations[:4],
-        foot_positions=positions[4:],
-        foot_rotations=data.site_rotations[4:6],
-        foot_jacobians=jnp.concatenate([jacobians[4:], turns], axis=1),
-        foot_velocities=jnp.concatenate([velocities[4:], motion[:, :3]], axis=1),
-        foot_bias_accelerations=jnp.concatenate([accelerations[4:], drift[:, :3]], axis=1),
+        contact_positions=positions[:contacts],
+        contact_velocities=velocities[:contacts],
+        contact_jacobians=jacobians[:contacts],
+        contact_bias_accelerations=accelerations[:contacts],
+        foot_positions=positions[contacts:],
+        foot_rotations=data.site_rotations[contacts : contacts + 2],
+        foot_jacobians=jnp.concatenate([jacobians[contacts:], turns], axis=1),
+        foot_velocities=jnp.concatenate([velocities[contacts:], motion[:, :3]], axis=1),
+        foot_bias_accelerations=jnp.concatenate([accelerations[contacts:], drift[:, :3]], axis=1),
         base_rotation=rotation,
         torso_angular_velocity=rotation @ data.qvel[3:6],
         torso_jacobian=torso_jacobian,
@@ -110,7 +112,7 @@ def terms_from_data(robot: RobotModel, data: SmoothStages) -> RigidBodyTerms:
     )
 
 
-def _by_point(feet: Float[Array, " 2 *k"]) -> Float[Array, " 6 *k"]:
-    """Values of the feet by point: toe and heel of the right and the left foot, then both middles."""
+def _by_point(feet: Float[Array, " 2 *k"], points: int) -> Float[Array, " n *k"]:
+    """Values of the feet by point: of the right and the left foot's contact points, then both middles."""
     right, left = feet
-    return jnp.stack([right, right, left, left, right, left])
+    return jnp.stack([right] * points + [left] * points + [right, left])

@@ -1,4 +1,4 @@
-"""Constants that follow from a model's structure: moments of tendons and motors, kinematic chains, limbs, contacts."""
+"""Constants that follow from a model's structure: legs, feet, moments of tendons and motors, limbs, contacts."""
 
 import jax
 import mujoco
@@ -8,6 +8,62 @@ from jaxtyping import Float
 from iwalker_jax.errors import InputError
 from iwalker_jax.robot.engine import mjx
 from iwalker_jax.robot.limbs import Limbs
+
+FEET = ("midfoot_r", "midfoot_l")
+"""Sites in the middle of the right and the left sole, x forward and z up."""
+
+
+def site_index(model: mujoco.MjModel, name: str) -> int:
+    """Index of a site.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    if index < 0:
+        raise InputError(f"The robot has no site {name!r}; add it to the MJCF model.")
+    return index
+
+
+def leg_joint_ids(model: mujoco.MjModel, site: str) -> list[int]:
+    """Joints from the base down to the body that carries a site, hip first.
+
+    Raises:
+        InputError: there is no such site, it does not hang from the base, or there are other joints than hinges in
+            between, or joints that do not follow one another.
+    """
+    body = model.site_bodyid[site_index(model, site)]
+    joints: list[int] = []
+    while body != model.jnt_bodyid[0]:
+        if body == 0:
+            raise InputError(f"Site {site!r} does not hang from the floating base; move it to a foot.")
+        first, count = model.body_jntadr[body], model.body_jntnum[body]
+        joints = [*range(first, first + count), *joints]
+        body = model.body_parentid[body]
+    if not joints or any(model.jnt_type[joints] != mujoco.mjtJoint.mjJNT_HINGE) or any(np.diff(joints) != 1):
+        raise InputError(f"The joints from the base to site {site!r} must be hinges that follow one another.")
+    return joints
+
+
+def contact_point_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Contact points of the feet, right foot first: a site and a geom of one name on the body of a site of `FEET`.
+
+    Raises:
+        InputError: a foot has less than two, or the feet differ in their number.
+    """
+    feet = []
+    for name in FEET:
+        body = model.site_bodyid[site_index(model, name)]
+        geoms = {model.geom(k).name for k in range(model.ngeom) if model.geom_bodyid[k] == body}
+        sites = [model.site(k).name for k in range(model.nsite) if model.site_bodyid[k] == body]
+        feet.append([name for name in sites if name and name in geoms])
+    right, left = feet
+    if len(right) != len(left) or len(right) < 2:
+        raise InputError(
+            f"The feet have {len(right)} and {len(left)} contact points; give both as many, two or more, each a geom "
+            "and a site of one name on the foot's body."
+        )
+    return (*right, *left)
 
 
 def tendon_moments(model: mujoco.MjModel) -> Float[np.ndarray, "nt nv"]:

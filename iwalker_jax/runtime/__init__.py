@@ -10,6 +10,7 @@ from iwalker_jax.lazy_names import lazy_names
 from iwalker_jax.runtime.settings import configure_runtime, default_cache_folder, requested_devices
 
 if TYPE_CHECKING:
+    from iwalker_jax.runtime.config_dict import config_from_dict, config_to_dict
     from iwalker_jax.runtime.devices import ShardedProgram, chosen_devices, local_devices, machine
     from iwalker_jax.runtime.files import atomic_write, read_npz, write_csv, write_json, write_npz, write_text
     from iwalker_jax.runtime.processes import (
@@ -30,6 +31,8 @@ __all__ = [
     "barrier",
     "broadcast",
     "chosen_devices",
+    "config_from_dict",
+    "config_to_dict",
     "configure_runtime",
     "default_cache_folder",
     "device_put",
@@ -50,6 +53,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "config_dict": "config_from_dict config_to_dict",
     "devices": "ShardedProgram chosen_devices local_devices machine",
     "files": "atomic_write read_npz write_csv write_json write_npz write_text",
     "processes": "ProcessGroup barrier broadcast device_put exit_process is_first join_group",

@@ -2,7 +2,6 @@
 
 from iwalker_jax.training.checkpoints import CheckpointStore, load_run
 from iwalker_jax.training.config import PRESETS, TrainConfig, paper_preset, quick_preset, small_paper_preset
-from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.loop import TrainingProgress, TrainResult, batch_mesh, train
 from iwalker_jax.training.losses import LossWeights, path_losses, step_losses
 from iwalker_jax.training.maps import TrainingData, prepare
@@ -33,8 +32,6 @@ __all__ = [
     "TrainingData",
     "TrainingProgress",
     "batch_mesh",
-    "config_from_dict",
-    "config_to_dict",
     "initial_state",
     "load_controlled_robot",
     "load_planner",

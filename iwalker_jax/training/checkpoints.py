@@ -22,10 +22,10 @@ import numpy as np
 import orbax.checkpoint as ocp
 
 from iwalker_jax.errors import CheckpointError
+from iwalker_jax.runtime.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.runtime.files import digest, first_line
 from iwalker_jax.runtime.reading import printable
 from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.train_step import TrainState, initial_state, make_optimiser
 
 _LEAVES, _META, _CHECKSUM = "state", "meta", "checksum"

@@ -10,8 +10,8 @@ import numpy as np
 from flax import nnx
 
 from iwalker_jax.errors import CheckpointError
+from iwalker_jax.runtime.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.runtime.files import read_npz, write_npz
-from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 
 _CONFIG = "config"
 

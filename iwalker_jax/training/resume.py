@@ -11,10 +11,10 @@ import optax
 
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.planning import Planner
+from iwalker_jax.runtime.config_dict import config_to_dict
 from iwalker_jax.runtime.processes import broadcast, is_first
 from iwalker_jax.training.checkpoints import Checkpoint, CheckpointStore
 from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.config_dict import config_to_dict
 from iwalker_jax.training.train_step import TrainState, initial_state, with_planner
 
 _FREE = ("checkpoint_every", "keep_checkpoints")

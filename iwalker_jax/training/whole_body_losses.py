@@ -29,7 +29,7 @@ from iwalker_jax.control import (
 from iwalker_jax.geometry import Side, other_side
 from iwalker_jax.optimization import pendulum_flow
 from iwalker_jax.planning import PlannerConfig, RobotState
-from iwalker_jax.robot import LEG_COUNT, RobotModel, load_robot, place_robot, rigid_body_terms
+from iwalker_jax.robot import RobotModel, load_robot_model, place_robot, rigid_body_terms
 
 SWING_PHASES = (0.25, 0.75)
 """Of a swing at which the QP is solved: near the swing foot's largest acceleration and deceleration."""
@@ -103,7 +103,7 @@ class InstantSolution(NamedTuple):
 
 def load_controlled_robot(planner: PlannerConfig = PlannerConfig()) -> ControlledRobot:
     """BRUCE and the controller that walks on a planner's footsteps, in JAX's present precision."""
-    robot = load_robot(load_mujoco())
+    robot = load_robot_model(load_mujoco())
     return ControlledRobot(robot, make_controller(robot, GaitParameters(hlip=planner.hlip, mpc=planner.step_weights)))
 
 
@@ -199,7 +199,7 @@ def solve_instant(controlled: ControlledRobot, instant: SwingInstant) -> Instant
     moved = terms.foot_jacobians[foot, :3] @ acceleration + terms.foot_bias_accelerations[foot, :3]
     com = terms.com_jacobian @ acceleration + terms.com_bias_acceleration
     return InstantSolution(
-        torque_shares=(motors / controller.actuation.limits)[:LEG_COUNT],
+        torque_shares=(motors / controller.actuation.limits)[: robot.leg_count],
         swing_shortfall=swing.acceleration - moved,
         com_shortfall=jnp.append(reference.com_acceleration, 0.0) - com,
         converged=state.converged & solution.gradient_valid,

@@ -45,22 +45,22 @@ class Motion:
 
     Attributes:
         kind: what to do; `footsteps` and `path` read a file.
-        speed: [m/s] forward; of `sideways` to the left; negative walks the other way.
+        speed: [m/s] forward; of `sideways` to the left; negative walks the other way. The gait's own if left out.
         turn: [deg/s] of `turn`, left positive.
         step_length: [m] from one foot to the next, in place of the speed, if given.
         distance: [m] to walk; or
         seconds: [s] to move for. The distance counts if both are given.
-        width: [m] between the tracks of the two feet.
+        width: [m] between the tracks of the two feet; the gait's own if left out.
         file: CSV of footsteps (`side, x, y, yaw_degrees`) or of a path (`x, y`), from between the standing feet.
     """
 
     kind: MotionKind = "s_curve"
-    speed: float = 0.15
+    speed: float | None = None
     turn: float = 15.0
     step_length: float | None = None
     distance: float | None = None
     seconds: float | None = None
-    width: float = 0.10
+    width: float | None = None
     file: Path | None = None
 
     def __post_init__(self) -> None:
@@ -75,7 +75,7 @@ class Motion:
             "step_length": (-0.3, 0.3, "m"),
             "distance": (0.01, _LONGEST_WALK, "m"),
             "seconds": (0.1, 3600.0, "s"),
-            "width": (0.05, 0.25, "m"),
+            "width": (0.05, 0.5, "m"),
         }
         for name, (low, high, unit) in bounds.items():
             value = getattr(self, name)
@@ -128,7 +128,9 @@ def make_walk(
         plan = make_plan(np.zeros((0, 2)), np.zeros(0), Side.LEFT, rows or _ROWS)
         return Walk(plan, None, 0.0, 10.0 if motion.seconds is None else motion.seconds)
     path, first_swing = None, Side.LEFT
-    length = motion.speed * step_time if motion.step_length is None else motion.step_length
+    pace = gait.speed if motion.speed is None else motion.speed
+    width = gait.width if motion.width is None else motion.width
+    length = pace * step_time if motion.step_length is None else motion.step_length
     speed = length / step_time
     if motion.kind == "footsteps" and motion.file is not None:
         positions, yaws, first_swing = load_footsteps(motion.file)
@@ -140,9 +142,9 @@ def make_walk(
             raise InputError(f"A path is followed at {speed:g} m/s; give a speed above 0.")
         whole = host.polyline_length(path)
         shares = ramp_shares(_steps_for(whole, length), _ramp(length))
-        positions, yaws = footsteps_along(path, np.cumsum(shares) * length, motion.width, Side.LEFT)
+        positions, yaws = footsteps_along(path, np.cumsum(shares) * length, width, Side.LEFT)
     else:
-        positions, yaws, speed = _velocity_walk(motion, length, step_time)
+        positions, yaws, speed = _velocity_walk(motion, length, width, step_time)
     feet = standing_feet(load_mujoco() if model is None else model)
     start = feet[:, :2].mean(axis=0)
     positions, path = positions + start, None if path is None else path + start
@@ -151,7 +153,9 @@ def make_walk(
     return Walk(plan, path, speed, before + len(positions) * step_time * gait.slowest + _SETTLING)
 
 
-def _velocity_walk(motion: Motion, length: float, step_time: float) -> tuple[np.ndarray, np.ndarray, float]:
+def _velocity_walk(
+    motion: Motion, length: float, width: float, step_time: float
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Footsteps of a constant command, and its speed [m/s]."""
     pace = length if motion.kind in ("straight", "sideways") else 0.0
     if motion.distance is not None and pace != 0:
@@ -161,7 +165,7 @@ def _velocity_walk(motion: Motion, length: float, step_time: float) -> tuple[np.
     forward, sideways = (0.0, pace) if motion.kind == "sideways" else (pace, 0.0)
     turn = np.radians(motion.turn) if motion.kind == "turn" else 0.0
     command = (forward / step_time, sideways / step_time, float(turn))
-    positions, yaws = velocity_footsteps(*command, steps, step_time, motion.width, Side.LEFT, _ramp(pace))
+    positions, yaws = velocity_footsteps(*command, steps, step_time, width, Side.LEFT, _ramp(pace))
     return positions, yaws, pace / step_time
 
 

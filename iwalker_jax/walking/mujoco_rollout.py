@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from iwalker_jax.control import FootstepPlan
-from iwalker_jax.robot import CONTACT_POINTS, rigid_body_terms, vary_mujoco
+from iwalker_jax.robot import RobotModel, rigid_body_terms, vary_mujoco
 from iwalker_jax.walking.rollout import (
     Conditions,
     ControllerMemory,
@@ -37,7 +37,9 @@ def roll_out_mujoco(
         samples: recording intervals of `every` ticks.
     """
     count = conditions.friction.shape[0]
-    robots = [MujocoRobot(model, jax.tree.map(lambda leaf, k=k: leaf[k], conditions)) for k in range(count)]
+    robots = [
+        MujocoRobot(walker.robot, model, jax.tree.map(lambda leaf, k=k: leaf[k], conditions)) for k in range(count)
+    ]
     memory = _start_memories(walker, conditions)
     records: list[Any] = []
     for tick in range(samples * every):
@@ -98,7 +100,7 @@ def _start_memories(walker: Walker, conditions: Conditions) -> ControllerMemory:
 class MujocoRobot:
     """One robot in the C engine."""
 
-    def __init__(self, model: mujoco.MjModel, conditions: Conditions) -> None:
+    def __init__(self, robot: RobotModel, model: mujoco.MjModel, conditions: Conditions) -> None:
         self.model = vary_mujoco(model, mass_scale=float(conditions.mass_scale), friction=float(conditions.friction))
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:] = conditions.qpos
@@ -107,7 +109,7 @@ class MujocoRobot:
         self.dtype = np.asarray(conditions.qpos).dtype
         self.base = int(self.model.jnt_bodyid[0])
         self.imu = self.model.site("imu").id
-        self.points = {self.model.geom(name).id: k for k, name in enumerate(CONTACT_POINTS)}
+        self.points = {geom: k for k, geom in enumerate(robot.contact_geoms)}
         self.fallen = False
 
     def read(self) -> EngineState:

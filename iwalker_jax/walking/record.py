@@ -15,7 +15,7 @@ class TimedFootsteps(NamedTuple):
 
     Attributes:
         times: (K,) [s] planned touchdown.
-        positions: (K, 2) [m] middle of the line foot, world frame.
+        positions: (K, 2) [m] middle of the sole, world frame.
         yaws: (K,) [rad] heading of the foot.
         sides: (K,) the `Side` of each.
     """
@@ -35,10 +35,10 @@ class WalkRecord:
         com, com_velocity: (N, 3) [m], [m/s] of the centre of mass, world frame.
         base_rpy: (N, 3) [rad] roll, pitch and yaw of the base.
         foot_positions: (N, 2, 3) [m] middle of the right and the left foot, world frame.
-        torques: (N, nu) [N m] of the motors, right leg, left leg, right arm, left arm; or largest magnitudes since
-            the instant before.
+        torques: (N, nu) [N m] of the motors, right leg, left leg, then the others; or largest magnitudes since the
+            instant before.
         torque_limits: (nu,) [N m] largest magnitudes.
-        forces: (N, 4, 3) [N] on toe and heel of the right, then of the left foot, world frame.
+        forces: (N, c, 3) [N] on the contact points, as many of the right, then of the left foot, world frame.
         planned: the footsteps to take.
         actual: (K, 3) x, y [m] and yaw [rad] of the footsteps as made; NaN for those that were not.
         commanded_speed: (N,) [m/s] wanted along the heading, if any.
@@ -46,6 +46,7 @@ class WalkRecord:
         path: (n, 2) [m] that the footsteps follow, if any.
         push_times: (P,) [s] when the robot is pushed.
         friction: the floor's coefficient, if known.
+        leg_motors: of one leg.
     """
 
     time: Float[np.ndarray, " n"]
@@ -55,7 +56,7 @@ class WalkRecord:
     foot_positions: Float[np.ndarray, "n 2 3"]
     torques: Float[np.ndarray, "n nu"]
     torque_limits: Float[np.ndarray, " nu"]
-    forces: Float[np.ndarray, "n 4 3"]
+    forces: Float[np.ndarray, "n c 3"]
     planned: TimedFootsteps
     actual: Float[np.ndarray, "k 3"]
     commanded_speed: Float[np.ndarray, " n"] | None = None
@@ -63,6 +64,7 @@ class WalkRecord:
     path: Float[np.ndarray, "m 2"] | None = None
     push_times: tuple[float, ...] = ()
     friction: float | None = None
+    leg_motors: int = 5
 
     def __post_init__(self) -> None:
         n, k = len(self.time), len(self.planned.times)
@@ -74,7 +76,7 @@ class WalkRecord:
             "base_rpy": (n, 3),
             "foot_positions": (n, 2, 3),
             "torques": (n, *motors),
-            "forces": (n, 4, 3),
+            "forces": (n, 2 * (np.shape(self.forces)[1] // 2), 3),
             "actual": (k, 3),
             "commanded_speed": (n,),
             "estimated_velocity": (n, 3),
@@ -94,16 +96,16 @@ class WalkRecord:
         return np.linalg.norm(self.actual[:, :2] - self.planned.positions, axis=1)
 
     def friction_ratios(self, least_force: float = 2.0) -> Float[np.ndarray, "n 2"]:
-        """(N, 2) larger ratio of horizontal to vertical force at toe and heel of each foot.
+        """(N, 2) largest ratio of horizontal to vertical force at the points of each foot.
 
-        NaN where neither point carries `least_force` [N]: the ratio of two small numbers says nothing.
+        NaN where no point carries `least_force` [N]: the ratio of two small numbers says nothing.
         """
         vertical = self.forces[..., 2]
         carries = vertical >= least_force
         ratio = np.where(
             carries, np.linalg.norm(self.forces[..., :2], axis=-1) / np.where(carries, vertical, 1.0), -1.0
         )
-        largest = ratio.reshape(-1, 2, 2).max(axis=2)
+        largest = ratio.reshape(len(ratio), 2, -1).max(axis=2)
         return np.where(largest >= 0.0, largest, np.nan)
 
     def speeds_along_heading(self, velocity: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:

@@ -35,8 +35,6 @@ from iwalker_jax.estimation import (
 )
 from iwalker_jax.optimization import Status
 from iwalker_jax.robot import (
-    ARM_POSITIONS,
-    ARM_VELOCITIES,
     ContactSettings,
     LegKinematics,
     PhysicsState,
@@ -163,7 +161,7 @@ class Sample(NamedTuple):
         feet: (2, 3) [m] and foot_yaws: (2,) [rad], true; heading: () [rad] of the torso.
         mode, stance, step: of the step clock.
         torques: (nu,) largest motor torques in size over the interval [N m].
-        forces: (4, 3) [N] on the contact points.
+        forces: (c, 3) [N] on the contact points.
         qp_residual: () largest and qp_failures: () number of ticks whose QP did not converge, over the interval.
         fallen: () bool.
     """
@@ -180,7 +178,7 @@ class Sample(NamedTuple):
     stance: Int[Array, "*n"]
     step: Int[Array, "*n"]
     torques: Float[Array, "*n nu"]
-    forces: Float[Array, "*n 4 3"]
+    forces: Float[Array, "*n c 3"]
     qp_residual: Float[Array, "*n"]
     qp_failures: Int[Array, "*n"]
     fallen: Bool[Array, "*n"]
@@ -246,20 +244,19 @@ def sense_and_control(
         sensing = sensing._replace(sensors=sensors, estimate=estimate)
         nominal = None
     terms = rigid_body_terms(walker.robot, qpos, qvel) if nominal is None else nominal
-    torques, controller, info = control_step(
-        walker.controller, terms, (qpos[ARM_POSITIONS], qvel[ARM_VELOCITIES]), memory.touching, plan, memory.controller
-    )
+    arms = qpos[walker.robot.arm_positions], qvel[walker.robot.arm_velocities]
+    torques, controller, info = control_step(walker.controller, terms, arms, memory.touching, plan, memory.controller)
     queue = jnp.concatenate([torques[None], memory.torques[:-1]])
     late = queue[jnp.clip(conditions.delay, 0, MAX_DELAY)]
     return ControllerMemory(controller, sensing, queue, memory.touching), ControlOutput(late, terms, info)
 
 
 def after_physics(
-    memory: ControllerMemory, touching: Bool[Array, "4"], specific_force: Float[Array, "3"]
+    memory: ControllerMemory, touching: Bool[Array, " c"], specific_force: Float[Array, "3"]
 ) -> ControllerMemory:
     """Memory with the outcome of a physics step: pressed contact points, specific force [m/s^2] in the base frame."""
     sensing = None if memory.sensing is None else memory.sensing._replace(specific_force=specific_force)
-    return memory._replace(touching=jnp.any(touching.reshape(2, 2), axis=1), sensing=sensing)
+    return memory._replace(touching=jnp.any(touching.reshape(2, -1), axis=1), sensing=sensing)
 
 
 def push_at(conditions: Conditions, time: Float[Array, ""]) -> Float[Array, "3"]:
@@ -318,7 +315,7 @@ def make_sample(
     truth: RigidBodyTerms,
     memory: ControllerMemory,
     output: ControlOutput,
-    forces: Float[Array, "4 3"],
+    forces: Float[Array, "c 3"],
     fallen: Bool[Array, ""],
 ) -> Sample:
     """The record of one tick."""

@@ -8,14 +8,14 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from bruce_model import load_mujoco
 from iwalker_jax.arrays import as_doubles
 from iwalker_jax.checks import require_numbers, require_whole
 from iwalker_jax.control import GaitParameters, make_controller
 from iwalker_jax.errors import InputError
 from iwalker_jax.estimation import SensorNoise
+from iwalker_jax.humanoids import RobotDescription, build_model, load_robot
 from iwalker_jax.optimization import QpMethod, control_settings
-from iwalker_jax.robot import LEG_COUNT, LEG_POSITIONS, RobotModel, load_leg_kinematics, load_robot
+from iwalker_jax.robot import RobotModel, load_leg_kinematics, load_robot_model
 from iwalker_jax.streams import check_seed
 from iwalker_jax.walking.rollout import MAX_DELAY, Conditions, Walker
 
@@ -31,25 +31,30 @@ MOST_ROBOTS = 65_536
 
 
 def default_walker(
-    sensors: Sensors = "none", gait: GaitParameters | None = None, solver: QpMethod = "active_set"
+    sensors: Sensors = "none",
+    gait: GaitParameters | None = None,
+    solver: QpMethod = "active_set",
+    description: RobotDescription | None = None,
 ) -> tuple[Walker, mujoco.MjModel]:
-    """BRUCE with its controller, and the same robot for the C engine.
+    """A robot with its controller, and the same robot for the C engine.
 
     Args:
         sensors: `none` feeds the true state back; otherwise the estimator walks on simulated sensors.
-        gait: of the controller.
+        gait: of the controller; the robot's own if left out.
         solver: of its whole-body QPs.
+        description: of the robot; BRUCE's if left out.
     """
     noises = {"none": None, "nominal": SensorNoise.nominal(), "harsh": SensorNoise.harsh()}
     if not isinstance(sensors, str) or sensors not in noises:
         raise InputError(f"Unknown sensors {sensors!r}; choose one of {', '.join(noises)}.")
     if gait is not None and not isinstance(gait, GaitParameters):
         raise InputError(f"The gait is a {type(gait).__name__}; give GaitParameters.")
-    model = load_mujoco()
-    robot = load_robot(model)
+    description = description or load_robot("bruce")
+    model = build_model(description)
+    robot = load_robot_model(model)
     return Walker(
         robot,
-        make_controller(robot, gait, solver=control_settings(solver)),
+        make_controller(robot, gait or description.gait, description.tasks, control_settings(solver)),
         load_leg_kinematics(model),
         noises[sensors],
     ), model
@@ -155,7 +160,7 @@ def check_robots(count: int, seed: int) -> None:
 def _draw(robot: RobotModel, d: Disturbances, rng: np.random.Generator, step_time: float) -> tuple:
     """Friction, mass scale, push force and start, delay, qpos and qvel of one robot."""
     qpos = np.array(robot.home, np.float64)
-    qpos[LEG_POSITIONS] += rng.uniform(-d.start_position, d.start_position, LEG_COUNT)
+    qpos[robot.leg_positions] += rng.uniform(-d.start_position, d.start_position, robot.leg_count)
     qpos[:2] += rng.uniform(-d.start_position, d.start_position, 2)
     yaw = rng.uniform(-3, 3) * d.start_position
     turned = np.array([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)])

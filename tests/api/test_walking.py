@@ -23,6 +23,16 @@ def test_the_walks_are_made_to_their_end(stepped):
         assert metrics.seconds == pytest.approx(stepped.walk.seconds, abs=0.03)
 
 
+def test_bruce_walks_as_before_there_were_other_robots(stepped):
+    """Oracle: the COM [m] of this walk, written down when BRUCE was all that could walk; other machines round
+    otherwise, which contacts amplify."""
+    before = [
+        [[0.048903, -0.008517, 0.364091], [0.036347, -0.007345, 0.364489], [0.041253, 0.009006, 0.364246]],
+        [[0.058104, -0.004165, 0.362674], [0.056326, -0.007570, 0.362955], [0.052942, 0.008820, 0.362648]],
+    ]
+    np.testing.assert_allclose(stepped.batch.sample.com[:, [25, 75, 105]], before, atol=2e-4)
+
+
 @pytest.mark.parametrize("robot", [0, 1])
 def test_record_and_figures_are_those_of_the_samples(stepped, robot):
     record, sample = stepped.records[robot], stepped.batch.sample

@@ -10,7 +10,7 @@ from iwalker_jax.data.frame_set import FrameSet, save_frames
 from iwalker_jax.data.sources import DataConfig, cache_file, load_training_frames
 from iwalker_jax.errors import InputError
 from iwalker_jax.perception import Intrinsics
-from iwalker_jax.training.config_dict import config_from_dict
+from iwalker_jax.runtime.config_dict import config_from_dict
 
 SOURCE, CAMERA = DataConfig(frames=3, seed=7), Intrinsics(6, 4, 3.0, 3.5, 2.5, 1.5)
 

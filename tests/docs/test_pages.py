@@ -36,7 +36,7 @@ from tests.test_floors import FLOORS
 PROGRAMS = {"pip", "python", "ruff", "mypy", "pre-commit", "git", "jupyter", "mkdocs", "docker", ".ci/run"}
 """What shell blocks may start."""
 
-LANGUAGES = {"python", "bash", "yaml", "text", "csv"}
+LANGUAGES = {"python", "bash", "yaml", "toml", "text", "csv"}
 
 by_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 

@@ -9,7 +9,7 @@ from iwalker_jax.control import GaitMode, make_controller, make_plan, velocity_f
 from iwalker_jax.estimation import SensorNoise, believed_errors
 from iwalker_jax.estimation.axis_filter import LEFT_FOOT, POSITION, RIGHT_FOOT, VELOCITY
 from iwalker_jax.geometry import rotation_matrix
-from iwalker_jax.robot import load_leg_kinematics, load_robot
+from iwalker_jax.robot import load_leg_kinematics, load_robot_model
 from iwalker_jax.walking.rollout import Walker, start_walk, walk_tick
 from iwalker_jax.walking.setup import Disturbances, sample_conditions
 
@@ -21,7 +21,7 @@ STATES = np.array([POSITION, VELOCITY, RIGHT_FOOT, LEFT_FOOT])
 def errors(bruce_mujoco):
     """Errors (robots, ticks, states, axes), their covariances, and tilt errors with the variance believed; the second
     half of the robots is pushed by 1 N s."""
-    robot = load_robot(bruce_mujoco)
+    robot = load_robot_model(bruce_mujoco)
     walker = Walker(robot, make_controller(robot), load_leg_kinematics(bruce_mujoco), noise=SensorNoise.nominal())
     plan = make_plan(*velocity_footsteps(0.15, 0.0, 0.0, 60, 0.24, 0.1, 1), 1)
     conditions = sample_conditions(robot, Disturbances(push_impulse=1.0, push_after=2.0), ROBOTS, seed=5)

@@ -10,8 +10,8 @@ import pytest
 from iwalker_jax.commands import collect, evaluate, train
 from iwalker_jax.commands.shared.config_file import parse_options, write_options
 from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.config import PRESETS, TrainConfig
-from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from tests.experiments.commands import fails_with_one_sentence
 
 

@@ -41,6 +41,7 @@ WALKS: dict[str, tuple[Any, ...]] = {
     "solver": ("simplex", "", None, 3, []),
     "seed": (-1, 2**70, 0.5, "x", None),
     "devices": (0, -1, 4096, "x", 1.5),
+    "robot": ("unknown", "", None, 3, [], "absent.toml"),
     "disturbances": (None, 3, {"mass": 1}),
     "gait": (3, "fast"),
 }

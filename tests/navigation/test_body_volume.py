@@ -11,7 +11,7 @@ import pytest
 from bruce_model import mjcf_text
 from iwalker_jax.errors import InputError
 from iwalker_jax.navigation.body_volume import TOLERANCE, body_clearance, body_clearance_at, load_body_volume
-from iwalker_jax.robot import load_robot
+from iwalker_jax.robot import load_robot_model
 from iwalker_jax.scenes.built.held_out_sequences import held_out_sequence
 from iwalker_jax.scenes.mjcf import scene_to_mjcf
 from iwalker_jax.scenes.scene import Scene
@@ -20,7 +20,7 @@ from tests.gradients import assert_gradients_agree
 
 @pytest.fixture(scope="module")
 def clearance(bruce_mujoco, bruce_volume):
-    robot = load_robot(bruce_mujoco)
+    robot = load_robot_model(bruce_mujoco)
     return jax.jit(lambda scene, qpos: body_clearance_at(robot, bruce_volume, scene, qpos))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bruce_model
-from iwalker_jax.robot.model import RobotModel, load_robot
+from iwalker_jax.robot.model import RobotModel, load_robot_model
 
 
 @pytest.fixture(scope="session")
@@ -20,14 +20,14 @@ def bruce() -> mujoco.MjModel:
 @pytest.fixture(scope="session")
 def robot(bruce) -> RobotModel:
     """In single precision."""
-    return load_robot(bruce)
+    return load_robot_model(bruce)
 
 
 @pytest.fixture(scope="session")
 def robot64(bruce) -> RobotModel:
     """In double precision."""
     with jax.enable_x64(True):
-        return load_robot(bruce)
+        return load_robot_model(bruce)
 
 
 @pytest.fixture

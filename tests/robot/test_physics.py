@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from mujoco import mjx
 
-from iwalker_jax.robot.model import CONTACT_POINTS
 from iwalker_jax.robot.physics import initial_state, physics_step
+from iwalker_jax.robot.structure import contact_point_names
 from iwalker_jax.robot.variation import vary, vary_mujoco
 
 STEPS = 100
@@ -29,7 +29,7 @@ def mujoco_roll(model, qpos, qvel, torques, wrenches):
     """The same by C MuJoCo."""
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = qpos, qvel
-    points = {model.geom(name).id: k for k, name in enumerate(CONTACT_POINTS)}
+    points = {model.geom(name).id: k for k, name in enumerate(contact_point_names(model))}
     record = {name: [] for name in ("qpos", "qvel", "acceleration", "forces", "gyro", "accelerometer")}
     for torque, wrench in zip(torques, wrenches, strict=True):
         data.ctrl[:], data.xfrc_applied[1] = torque, wrench

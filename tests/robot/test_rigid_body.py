@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import bruce_model
-from iwalker_jax.robot.model import CONTACT_POINTS, FEET, load_robot
+from iwalker_jax.robot.model import load_robot_model
 from iwalker_jax.robot.rigid_body import rigid_body_terms
+from iwalker_jax.robot.structure import FEET, contact_point_names
 
 compute = jax.jit(rigid_body_terms)
 derivative = jax.jit(lambda robot, state, change: jax.jvp(lambda q, v: rigid_body_terms(robot, q, v), state, change)[1])
@@ -42,7 +43,7 @@ def mujoco_terms(model, qpos, qvel):
         "base_rotation": data.xmat[1].reshape(3, 3),
     }
     jacobians, rates = [], []
-    for name in CONTACT_POINTS + FEET:
+    for name in contact_point_names(model) + FEET:
         site = model.site(name).id
         jacobian, rate = np.zeros((6, model.nv)), np.zeros((6, model.nv))
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
@@ -50,7 +51,7 @@ def mujoco_terms(model, qpos, qvel):
         jacobians.append(jacobian)
         rates.append(rate @ qvel)
     jacobians, rates = np.array(jacobians), np.array(rates)
-    sites = [model.site(name).id for name in CONTACT_POINTS + FEET]
+    sites = [model.site(name).id for name in contact_point_names(model) + FEET]
     torso = np.zeros((3, model.nv))
     mujoco.mj_jacBody(model, data, None, torso, 1)
     return terms | {
@@ -142,7 +143,7 @@ def rebuilt(text: str) -> str:
 
 def test_bodies_with_several_or_no_joints(x64, rng):
     model = mujoco.MjModel.from_xml_string(rebuilt(bruce_model.mjcf_text()))
-    robot = load_robot(model)
+    robot = load_robot_model(model)
     qpos, qvel = random_state(model, rng, 3.0)
     terms = compute(robot, jnp.asarray(qpos), jnp.asarray(qvel))
     for name, expected in mujoco_terms(model, qpos, qvel).items():

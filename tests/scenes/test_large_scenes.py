@@ -14,7 +14,7 @@ from iwalker_jax.evaluation.episodes.film import film_model
 from iwalker_jax.geometry.host import polyline_length
 from iwalker_jax.navigation.body_volume import body_clearance_at
 from iwalker_jax.perception.camera import CameraMount, Intrinsics
-from iwalker_jax.robot import load_robot
+from iwalker_jax.robot import load_robot_model
 from iwalker_jax.scenes.grid_distance import distance_up_to, scene_grid
 from iwalker_jax.scenes.imported.user_scene import convert_user_scene
 from iwalker_jax.scenes.mjcf import load_mujoco_scene, mujoco_ray_depth
@@ -60,7 +60,7 @@ def test_rays_meet_what_mujoco_meets(floor):
 
 def test_the_body_keeps_its_distance_to_all_of_many_boxes(floor, bruce_mujoco, bruce_volume):
     """Oracle: the clearance in the same scene cut down to what is within two metres, which is a small scene."""
-    robot = load_robot(bruce_mujoco)
+    robot = load_robot_model(bruce_mujoco)
     clearance = jax.jit(lambda scene, qpos: body_clearance_at(robot, bruce_volume, scene, qpos))
     for x, y in ((2.0, 8.5), (20.3, 6.4), (30.0, 13.0)):
         qpos = crouch_qpos()

@@ -50,7 +50,7 @@ from iwalker_jax.planning import MapViewParameters, MemoryIPath, MemoryIPathConf
 from iwalker_jax.planning.planner import Planner, PlannerConfig
 from iwalker_jax.planning.robot_state import StepGeometry
 from iwalker_jax.robot.leg_kinematics import LegKinematics, load_leg_kinematics
-from iwalker_jax.robot.model import RobotModel, load_robot
+from iwalker_jax.robot.model import RobotModel, load_robot_model
 from iwalker_jax.robot.rigid_body import rigid_body_terms
 from iwalker_jax.scenes.depth_noise import DepthNoise
 from iwalker_jax.scenes.scene import Scene
@@ -70,7 +70,7 @@ def fields_of(kind: type, of: type) -> tuple[str, ...]:
 
 @cache
 def bruce() -> RobotModel:
-    return load_robot(load_mujoco())
+    return load_robot_model(load_mujoco())
 
 
 @cache
@@ -213,6 +213,7 @@ def routed(parameters: RouteMemoryParameters) -> Any:
     return update_route_memory(parameters, window, empty_route_memory(parameters, cells), cells)[0]
 
 
+NOT_IN_A_TICK = ("hlip", "mpc", "horizon", "width", "speed")
 PUSHED = Disturbances(push_impulse=1.0)
 WALKED = Motion("straight", 0.2, distance=0.5)
 
@@ -221,7 +222,13 @@ PROBES = {
         Probe(
             gait_tick,
             GaitParameters(),
-            only=tuple(f.name for f in dataclasses.fields(GaitParameters) if f.name not in ("hlip", "mpc", "horizon")),
+            only=tuple(f.name for f in dataclasses.fields(GaitParameters) if f.name not in NOT_IN_A_TICK),
+        ),
+        Probe(
+            lambda c: make_walk(Motion("straight", distance=0.5), load_mujoco(), c)[:1],
+            GaitParameters(),
+            traced=False,
+            only=("width", "speed"),
         ),
         Probe(lambda c: vars(stepping_gains(c)), GaitParameters(), traced=False, only=("hlip", "mpc", "horizon")),
     ),
@@ -281,7 +288,7 @@ PROBES = {
         Probe(
             lambda c: make_walk(c, load_mujoco(), GaitParameters())[:1],
             WALKED,
-            changes={"kind": "sideways", "step_length": 0.05, "seconds": 3.0},
+            changes={"kind": "sideways", "step_length": 0.05, "seconds": 3.0, "width": 0.12},
             traced=False,
             refused={"file": (Path("steps.csv"), "reads no file")},
             only=("kind", "speed", "step_length", "distance", "width", "file"),

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from iwalker_jax.errors import CheckpointError, InputError
+from iwalker_jax.runtime.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.checkpoints import CheckpointStore
 from iwalker_jax.training.config import PRESETS, TrainConfig
-from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.training.train_step import initial_state, make_optimiser
 from tests.training.conftest import assert_trees_equal
 

@@ -12,8 +12,8 @@ import pytest
 
 from iwalker_jax.commands import train
 from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.config_dict import config_to_dict
 from iwalker_jax.training.config import TrainConfig
-from iwalker_jax.training.config_dict import config_to_dict
 from iwalker_jax.training.run_log import LOGGERS, RunLog, read_metrics, require_loggers
 
 STEPS = {0: {"total": 2.0, "U_path": 0.5}, 1: {"total": 1.5, "U_path": 0.25}}

@@ -8,7 +8,7 @@ import pytest
 from bruce_model import load_mujoco
 from iwalker_jax.control import make_controller, make_plan, velocity_footsteps
 from iwalker_jax.geometry import side_of_step
-from iwalker_jax.robot import load_leg_kinematics, load_robot
+from iwalker_jax.robot import load_leg_kinematics, load_robot_model
 from iwalker_jax.walking.mujoco_rollout import roll_out_mujoco
 from iwalker_jax.walking.rollout import Conditions, Walker, roll_out, start_walk
 from iwalker_jax.walking.setup import Disturbances, sample_conditions
@@ -23,7 +23,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def walker(model):
-    robot = load_robot(model)
+    robot = load_robot_model(model)
     return Walker(robot, make_controller(robot), load_leg_kinematics(model))
 
 

@@ -9,7 +9,7 @@ from jax.flatten_util import ravel_pytree
 from bruce_model import load_mujoco
 from iwalker_jax.control import make_controller, make_plan, velocity_footsteps
 from iwalker_jax.optimization import QpSettings
-from iwalker_jax.robot import load_leg_kinematics, load_robot
+from iwalker_jax.robot import load_leg_kinematics, load_robot_model
 from iwalker_jax.walking.rollout import Walker, start_walk, walk_tick
 from iwalker_jax.walking.setup import Disturbances, sample_conditions
 
@@ -21,7 +21,7 @@ def walking():
     """Walker, conditions, plan and state of a robot in mid-step, in double precision."""
     with jax.enable_x64(True):
         model = load_mujoco()
-        robot = load_robot(model)
+        robot = load_robot_model(model)
         walker = Walker(robot, make_controller(robot, solver=QpSettings()), load_leg_kinematics(model))
         calm = Disturbances(start_position=0.0, start_velocity=0.0)
         conditions = jax.tree.map(lambda leaf: leaf[0], sample_conditions(robot, calm, 1, seed=0))

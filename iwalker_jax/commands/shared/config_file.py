@@ -13,9 +13,9 @@ from typing import Any, TypeVar
 import tyro
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.config_dict import config_from_dict, config_to_dict
 from iwalker_jax.runtime.files import write_json
 from iwalker_jax.runtime.reading import printable, read_text
-from iwalker_jax.training.config_dict import config_from_dict, config_to_dict
 
 C = TypeVar("C")
 

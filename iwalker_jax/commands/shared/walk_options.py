@@ -94,6 +94,8 @@ class WalkOptions:
 
     Attributes:
         motion: that is walked.
+        robot: which one walks: bruce, g1, or a TOML file that describes another; only bruce walks in scenes.
+        mjcf: the robot's model, in place of the file that its description names.
         robots: number of robots, each with friction, mass and start of its own; in scenes many walk with
             experiments.evaluate.
         engine: of the physics: MJX for batches, by our own step (mjx) or by MJX's (mjx.step), or C MuJoCo.
@@ -103,6 +105,8 @@ class WalkOptions:
     """
 
     motion: Annotated[MotionOptions, tyro.conf.arg(name="")] = MotionOptions()
+    robot: str = "bruce"
+    mjcf: Path | None = None
     robots: int = 1
     engine: Engine = "mjx"
     solver: QpMethod = "active_set"

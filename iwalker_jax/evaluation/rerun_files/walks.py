@@ -46,8 +46,8 @@ def write_walk(
             stream.set_time(TIME, duration=float(seconds))
             if skeleton is not None and qpos is not None:
                 skeleton.log(stream, np.asarray(qpos[i], float))
-            # Toe and heel of a foot together, from its middle.
-            feet = record.forces[i].reshape(2, 2, 3).sum(axis=1)
+            # The points of a foot together, from its middle.
+            feet = record.forces[i].reshape(2, -1, 3).sum(axis=1)
             arrows = rr.Arrows3D(origins=record.foot_positions[i], vectors=METRES_PER_NEWTON * feet, radii=0.005)
             stream.log("world/forces", arrows)
             stream.log("world/com", rr.Points3D([record.com[i]], radii=0.015, colors=(217, 38, 38)))

@@ -181,6 +181,7 @@ def walk_record(
     path: Float[np.ndarray, "n 2"] | None = None,
     push_times: tuple[float, ...] = (),
     friction: float | None = None,
+    leg_motors: int = WalkRecord.leg_motors,
 ) -> WalkRecord:
     """One robot's record in the form that pictures and videos take; footsteps not made keep their planned rhythm."""
     landed = find_landings(sample, plan)
@@ -210,4 +211,5 @@ def walk_record(
         path=path,
         push_times=push_times,
         friction=friction,
+        leg_motors=leg_motors,
     )

@@ -19,7 +19,6 @@ _MOTORS = (
     *(f"{name} {side}" for side in "rl" for name in ("yaw", "hip A", "hip B", "knee", "ankle")),
     *(f"{name} {side}" for side in "rl" for name in ("sh. pitch", "sh. roll", "elbow")),
 )
-_LEGS = (slice(0, 5), slice(5, 10))
 
 
 def save_walk_sheet(record: WalkRecord, file: Path, title: str = "") -> None:
@@ -44,7 +43,8 @@ def save_walk_sheet(record: WalkRecord, file: Path, title: str = "") -> None:
     _speed(timed[0][0], record)
     _posture(timed[0][1], record)
     _height(timed[0][2], record)
-    for axis, leg, foot in zip(timed[1], _LEGS, _FEET):
+    legs = [slice(k * record.leg_motors, (k + 1) * record.leg_motors) for k in range(2)]
+    for axis, leg, foot in zip(timed[1], legs, _FEET):
         _torques(axis, record, leg, foot)
     _peak_torques(timed[1][2], record)
     _forces(timed[2][0], record)
@@ -161,7 +161,7 @@ def _motor_names(record: WalkRecord) -> Sequence[str]:
 
 
 def _forces(axis: Axes, record: WalkRecord) -> None:
-    vertical = record.forces[..., 2].reshape(-1, 2, 2).sum(axis=2)
+    vertical = record.forces[..., 2].reshape(len(record.time), 2, -1).sum(axis=2)
     for i, foot in enumerate(_FEET):
         axis.plot(record.time, vertical[:, i], color=FOOT_COLOURS[foot], linewidth=1.2, label=f"{foot} foot")
     axis.set_ylim(0.0, 1.25 * max(float(np.nanpercentile(vertical, 99.8)), 1.0))

@@ -20,6 +20,7 @@ from jaxtyping import Array, Float, Int
 
 from iwalker_jax.errors import CheckpointError, InputError
 from iwalker_jax.planning import MemoryIPath, SplitModule, split_module
+from iwalker_jax.runtime.config_dict import config_to_dict
 from iwalker_jax.runtime.files import first_line, read_npz, write_npz
 from iwalker_jax.runtime.locks import exclusive
 from iwalker_jax.surrogate import (
@@ -31,7 +32,6 @@ from iwalker_jax.surrogate import (
     start_surrogate,
     surrogate_step,
 )
-from iwalker_jax.training.config_dict import config_to_dict
 from iwalker_jax.training.loop import run_lock
 from iwalker_jax.training.on_policy.config import OnPolicyConfig
 from iwalker_jax.training.on_policy.losses import ProposalReport, proposal_loss

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from iwalker_jax.errors import InputError
+from iwalker_jax.runtime.config_dict import config_to_dict
 from iwalker_jax.runtime.files import first_line, write_text
 from iwalker_jax.runtime.reading import read_text
-from iwalker_jax.training.config_dict import config_to_dict
 from iwalker_jax.training.run_log.metrics_file import MetricsFile
 
 LoggerName = Literal["tensorboard", "wandb"]

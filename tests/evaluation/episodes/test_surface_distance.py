@@ -10,7 +10,7 @@ import trimesh
 from bruce_model import crouch_qpos
 from iwalker_jax.evaluation.episodes.surface_distance import least_surface_distance, original_surface
 from iwalker_jax.navigation.body_volume import body_clearance_at
-from iwalker_jax.robot import load_robot
+from iwalker_jax.robot import load_robot_model
 from iwalker_jax.scenes.imported.mesh_distance import mesh_clearance
 from iwalker_jax.scenes.scene import Scene
 from tests.scenes.test_user_scene import mesh_of
@@ -47,7 +47,7 @@ def exported(kind, folder):
 def test_distances_to_solids_are_those_of_the_converted_scene(bruce_mujoco, bruce_volume, tmp_path, kind):
     """Oracle: the analytic clearance of the same boxes and cylinders; the floor slab does not count."""
     surface = original_surface(exported(kind, tmp_path))
-    robot, scene = load_robot(bruce_mujoco), ROOM.arrays()
+    robot, scene = load_robot_model(bruce_mujoco), ROOM.arrays()
     clearances = jax.jit(jax.vmap(lambda state: body_clearance_at(robot, bruce_volume, scene, state)))
     exact = clearances(jnp.asarray(states(), jnp.float32))
     assert 0.01 < float(exact.min()) < 0.3

@@ -3,6 +3,7 @@
 import dataclasses
 import types
 import typing
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,8 @@ def _value_from(hint: Any, value: Any, name: str) -> Any:
         return _dataclass_from(typing.cast(type, hint), value, f"{name}.")
     if origin is tuple and isinstance(value, list | tuple):
         return tuple(_value_from(choices[0], entry, f"{name}[{k}]") for k, entry in enumerate(value))
+    if origin is Mapping and isinstance(value, dict):
+        return {key: _value_from(choices[1], entry, f"{name}.{key}") for key, entry in value.items()}
     if hint is Path and isinstance(value, str):
         return Path(value)
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
@@ -74,7 +77,7 @@ def _wanted(hint: Any) -> str:
         return f"one of {', '.join(map(str, typing.get_args(hint)))}"
     if typing.get_origin(hint) is tuple:
         return "a list"
-    if dataclasses.is_dataclass(hint):
+    if dataclasses.is_dataclass(hint) or typing.get_origin(hint) is Mapping:
         return "its fields by their names"
     words = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", Path: "a path as a text"}
     return words[hint]
