@@ -25,6 +25,9 @@ from iwalker_jax.walking import TimedFootsteps  # noqa: E402
 BOX = """
 <mujoco>
   <visual><headlight ambient="0.9 0.9 0.9" diffuse="0 0 0" specular="0 0 0"/></visual>
+  <default>
+    <default class="unseen"><geom size="0.001" rgba="0 0 0 0" contype="0" conaffinity="0" mass="0"/></default>
+  </default>
   <worldbody>
     <geom type="plane" size="0 0 1" rgba="0.5 0.5 0.5 1"/>
     <camera name="still" pos="0 0 3" xyaxes="1 0 0 0 1 0"/>
@@ -32,8 +35,14 @@ BOX = """
       <freejoint/>
       <camera name="side" mode="track" pos="0 0 2.8" xyaxes="1 0 0 0 1 0"/>
       <geom type="box" size="0.1 0.1 0.1" rgba="1 0 1 1"/>
-      <site name="toe_r" pos="0.3 -0.3 0"/> <site name="heel_r" pos="-0.3 -0.3 0"/>
-      <site name="toe_l" pos="0.3 0.3 0"/> <site name="heel_l" pos="-0.3 0.3 0"/>
+      <body pos="0 -0.3 0"> <site name="midfoot_r"/>
+        <site name="toe_r" pos="0.3 0 0"/> <geom class="unseen" name="toe_r" pos="0.3 0 0"/>
+        <site name="heel_r" pos="-0.3 0 0"/> <geom class="unseen" name="heel_r" pos="-0.3 0 0"/>
+      </body>
+      <body pos="0 0.3 0"> <site name="midfoot_l"/>
+        <site name="toe_l" pos="0.3 0 0"/> <geom class="unseen" name="toe_l" pos="0.3 0 0"/>
+        <site name="heel_l" pos="-0.3 0 0"/> <geom class="unseen" name="heel_l" pos="-0.3 0 0"/>
+      </body>
     </body>
   </worldbody>
 </mujoco>
