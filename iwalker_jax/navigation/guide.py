@@ -8,18 +8,23 @@ from jaxtyping import Array, Bool, Float
 
 from iwalker_jax.checks import Scalar, require_whole
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import BODY, arc_length, interpolate_along, resample_by_arc_length, to_base, to_world, turn
+from iwalker_jax.geometry import BODY, arc_length, interpolate_along, resample_by_arc_length, to_base, to_world
 from iwalker_jax.navigation.memory import (
     MapMemory,
     MapMemoryParameters,
     RouteMemory,
     RouteMemoryParameters,
+    ViewPoint,
+    WideMemory,
+    WideMemoryParameters,
     add_scan,
     empty_memory,
     empty_route_memory,
+    empty_wide_memory,
     route_grid,
     update_memory,
     update_route_memory,
+    update_wide_memory,
     view_map,
     window_origin,
 )
@@ -66,7 +71,8 @@ class GuidanceParameters:
         start_radius: [m] about the robot, within which a route must begin.
         longest_path: [m] to which routes and paths are cut, so that they stay inside the memory's window.
         memory: of the map.
-        scan: how an image is read where the path comes from `memory`; scan_stride: of which every so many pixels.
+        scan: how an image is read where the path comes from `memory`; scan_stride: of which every so many pixels; wide:
+            of the wider map that is read there.
         routes: of the wider map on which routes are found.
         mount: how wrong the believed mount may be that the floor in view corrects: one degree lifts the floor 0.8 m
             ahead by half the height that the robot steps over.
@@ -92,6 +98,7 @@ class GuidanceParameters:
     memory: MapMemoryParameters = MapMemoryParameters()
     scan: ScanParameters = ScanParameters()
     scan_stride: int = 2
+    wide: WideMemoryParameters = WideMemoryParameters()
     routes: RouteMemoryParameters = RouteMemoryParameters()
     mount: MountUncertainty = MountUncertainty()
     obstacles: ObstacleParameters = DEFAULT_OBSTACLES
@@ -137,13 +144,15 @@ class GuideMemory(NamedTuple):
     """What is known from the frames before.
 
     Attributes:
-        cells: of the map near the robot; routes: of a wider, coarser one, None where no route is looked for.
+        cells: of the map near the robot; routes: of a wider, coarser one, None where no route is looked for; wide: of
+            one for a network that reads maps, None elsewhere.
         route: (ROUTE_POINTS, 2) [m] world, the last frame's whole route, or its path; without one, that of the frames
             before.
     """
 
     cells: MapMemory
     routes: RouteMemory | None
+    wide: WideMemory | None
     route: Float[Array, "points 2"]
 
 
@@ -151,7 +160,8 @@ def start_guide(parameters: GuidanceParameters, xy: Float[Array, "2"]) -> GuideM
     """Nothing known around a place [m]."""
     cells = empty_memory(parameters.memory, xy)
     routes = empty_route_memory(parameters.routes, cells) if parameters.source in ("guided", "route") else None
-    return GuideMemory(cells, routes, jnp.broadcast_to(xy, (ROUTE_POINTS, 2)))
+    wide = empty_wide_memory(parameters.wide, parameters.memory, cells) if parameters.source == "memory" else None
+    return GuideMemory(cells, routes, wide, jnp.broadcast_to(xy, (ROUTE_POINTS, 2)))
 
 
 class Guidance(NamedTuple):
@@ -222,7 +232,7 @@ def guide(
     path = jnp.where(route_exists, path, start)
     # Without a route, `whole` begins beyond what is in the way: the next frame must not keep to that.
     kept = jnp.where(route_exists, whole + origin, memory.route)
-    return GuideMemory(cells, routes, kept), Guidance(
+    return GuideMemory(cells, routes, None, kept), Guidance(
         path=resample_by_arc_length(path + origin, BAND_POINTS),
         face_point=_on_route(whole, parameters.face_distance) + origin,
         detour=detour,
@@ -249,14 +259,16 @@ def _memory_path(
     observation: Observation,
 ) -> tuple[GuideMemory, Guidance]:
     """The memory with a scan of this frame added, and the path that the network chooses on it."""
+    assert memory.wide is not None  # as `start_guide` made it
     stride, base = parameters.scan_stride, observation.base
     depth = observation.depth[::stride, ::stride]
     scan = range_scan(depth, observation.mount, strided(intrinsics, stride), parameters.scan)
     cells = add_scan(parameters.memory, memory.cells, base, scan, observation.mount[3:5])
-    view, bearing = view_map(network.config.view, parameters.memory, cells, base, observation.goal)
+    wide = update_wide_memory(parameters.wide, parameters.memory, memory.wide, cells, base[:2])
+    at = ViewPoint(base, observation.goal, start_direction(memory.route))
+    view, bearing = view_map(network.config.view, parameters.memory, cells, wide, at)
     candidates = network(view)
-    last = turn(-bearing, start_direction(memory.route))
-    chosen = choose_path(network.config, candidates, last)
+    chosen = choose_path(network.config, candidates, view.course)
     frame = jnp.append(base[:2], bearing)
     path = to_world(frame, waypoints_to_path(candidates.waypoints[chosen][None], ROUTE_POINTS)[0])
     ahead = _on_route(path, parameters.face_distance)
@@ -267,7 +279,7 @@ def _memory_path(
         route_exists=jnp.asarray(True),
         room_offset=jnp.zeros_like(observation.goal),
     )
-    return GuideMemory(cells, None, path), guidance
+    return GuideMemory(cells, None, wide, path), guidance
 
 
 def network_path(planner: Planner, observation: Observation, goal: Float[Array, "2"]) -> Float[Array, "n 2"]:

@@ -86,7 +86,7 @@ class MemoryIPath(nnx.Module):
     def __init__(self, config: MemoryIPathConfig, rngs: nnx.Rngs) -> None:
         self.config = config
         view, proposals = config.view, config.proposals
-        features = view.bearings * (2 * view.rings + 2) + GOAL_FEATURES
+        features = view.bearings * (2 * view.rings + 2) + view.bearings // 2 * 3 * view.wide_rings + GOAL_FEATURES
         self.first = _linear(features, config.hidden, rngs)
         self.blocks = nnx.List(_linear(config.hidden, config.hidden, rngs) for _ in range(config.blocks))
         # Proposals begin spread to one side of the goal; the mirror image's begin on the other.
@@ -99,7 +99,7 @@ class MemoryIPath(nnx.Module):
             bias_init=lambda key, shape, dtype: jnp.asarray(bias.ravel(), dtype),
             rngs=rngs,
         )
-        along = 2 * _PLACES * len(_BESIDE) + 2 * config.waypoints + GOAL_FEATURES + config.judging
+        along = _PLACES * (2 * len(_BESIDE) + 1) + 2 * config.waypoints + GOAL_FEATURES + config.judging
         self.summary = _linear(config.hidden, config.judging, rngs)
         self.judge = _linear(along, config.judging, rngs)
         self.judge_again = _linear(config.judging, config.judging, rngs)
@@ -115,7 +115,8 @@ class MemoryIPath(nnx.Module):
     def _propose(self, view: MapView) -> PathCandidates:
         config = self.config
         batch = view.goal.shape[:-1]
-        hidden = jax.nn.relu(self.first(jnp.concatenate([self._rings(view), view.goal], axis=-1)))
+        read = jnp.concatenate([self._rings(view), self._wide_rings(view), view.goal], axis=-1)
+        hidden = jax.nn.relu(self.first(read))
         for block in self.blocks:
             hidden = hidden + jax.nn.relu(block(hidden))
         out = self.last(hidden).reshape(*batch, config.proposals, config.waypoints + 1)
@@ -144,6 +145,16 @@ class MemoryIPath(nnx.Module):
         ]
         return jnp.concatenate(parts, axis=-1).reshape(*batch, -1)
 
+    def _wide_rings(self, view: MapView) -> Float[Array, "*batch features"]:
+        """Shares of each ring of the wide map, in pairs of bearings, that are occupied, free, and were visited."""
+        sizes = self.config.view
+        batch = view.goal.shape[:-1]
+        rings = (*batch, sizes.bearings // 2, 2, sizes.wide_rings, sizes.wide_samples_per_ring)
+        dtype = view.goal.dtype
+        maps = (view.wide == MapCell.OCCUPIED, view.wide == MapCell.FREE, view.visits / sizes.most_visits)
+        parts = [jnp.mean(polar.astype(dtype).reshape(rings), axis=(-3, -1)) for polar in maps]
+        return jnp.stack(parts, axis=-1).reshape(*batch, -1)
+
     def _judge(
         self, view: MapView, hidden: Float[Array, "*batch hidden"], waypoints: Float[Array, "*batch proposals k 2"]
     ) -> tuple[Float[Array, "*batch proposals"], Float[Array, "*batch proposals"]]:
@@ -156,13 +167,16 @@ class MemoryIPath(nnx.Module):
         left = jnp.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)
         beside = jnp.asarray(_BESIDE, path.dtype)[:, None]
         places = (path[:, 1:, None] + beside * left[:, :, None]).reshape(*batch, -1, 2)
-        kind = _cells_at(self.config.view, view.cells, places).reshape(*batch, proposals, -1)
+        sizes = self.config.view
+        kind = _cells_at(sizes.spacing, view.cells, places).reshape(*batch, proposals, -1)
+        visits = _cells_at(sizes.wide_spacing, view.visits, path[:, 1:].reshape(*batch, -1, 2))
         shared = jnp.broadcast_to(
             jnp.concatenate([jax.nn.relu(self.summary(hidden)), view.goal], axis=-1)[..., None, :],
             (*batch, proposals, self.config.judging + GOAL_FEATURES),
         )
         dtype = view.goal.dtype
         known = [(kind == MapCell.OCCUPIED).astype(dtype), (kind == MapCell.FREE).astype(dtype)]
+        known.append(visits.reshape(*batch, proposals, -1).astype(dtype) / sizes.most_visits)
         features = jnp.concatenate([*known, waypoints.reshape(*batch, proposals, -1), shared], axis=-1)
         judged = jax.nn.relu(self.judge(features))
         judged = judged + jax.nn.relu(self.judge_again(judged))
@@ -181,33 +195,31 @@ def _share_before(mask: Bool[Array, "*batch bearings samples"]) -> Float[Array, 
 
 
 def _cells_at(
-    parameters: MapViewParameters, cells: Int8[Array, "*batch bearings samples"], places: Float[Array, "*batch n 2"]
+    spacing: float, cells: Int8[Array, "*batch bearings samples"], places: Float[Array, "*batch n 2"]
 ) -> Int8[Array, "*batch n"]:
-    """The cells of a view nearest to places [m] in its axes; beyond its last ring they are unseen."""
+    """Of a polar map, the samples `spacing` [m] apart nearest to places [m] in its axes; zero beyond its last ring."""
+    bearings, samples = cells.shape[-2:]
     x, y = places[..., 0], places[..., 1]
     # The floor of a number that lies on a bearing's border belongs to either side: the mirror image decides the other
     # way, for which no place lies exactly there but by chance.
-    bearing = jnp.floor((jnp.arctan2(y, x) / (2 * math.pi) + 0.5) * parameters.bearings).astype(jnp.int32)
-    bearing = jnp.clip(bearing, 0, parameters.bearings - 1)
-    sample = jnp.round(jnp.sqrt(x**2 + y**2) / parameters.spacing).astype(jnp.int32) - 1
-    inside = sample < parameters.samples
-    flat = bearing * parameters.samples + jnp.clip(sample, 0, parameters.samples - 1)
+    bearing = jnp.floor((jnp.arctan2(y, x) / (2 * math.pi) + 0.5) * bearings).astype(jnp.int32)
+    bearing = jnp.clip(bearing, 0, bearings - 1)
+    sample = jnp.round(jnp.sqrt(x**2 + y**2) / spacing).astype(jnp.int32) - 1
+    flat = bearing * samples + jnp.clip(sample, 0, samples - 1)
     found = jnp.take_along_axis(cells.reshape(*cells.shape[:-2], -1), flat, axis=-1)
-    return jnp.where(inside, found, jnp.int8(MapCell.UNSEEN))
+    return jnp.where(sample < samples, found, jnp.int8(0))
 
 
-def choose_path(
-    config: MemoryIPathConfig, candidates: PathCandidates, last_direction: Float[Array, "2"]
-) -> Int[Array, ""]:
+def choose_path(config: MemoryIPathConfig, candidates: PathCandidates, course: Float[Array, "2"]) -> Int[Array, ""]:
     """Index of the cheapest candidate of one view; between ways that cost the same the robot keeps to its side.
 
     Args:
         config: of the network.
         candidates: without a batch axis.
-        last_direction: (2,) `start_direction` of the last path, in the candidates' axes; zero for none.
+        course: of the view.
     """
     directions = jax.vmap(start_direction)(waypoints_to_path(candidates.waypoints))
-    return jnp.argmin(candidates.cost + config.keep_side * (1.0 - directions @ last_direction))
+    return jnp.argmin(candidates.cost + config.keep_side * (1.0 - directions @ course))
 
 
 def start_direction(path: Float[Array, "n 2"]) -> Float[Array, "2"]:

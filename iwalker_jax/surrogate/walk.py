@@ -15,8 +15,20 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.geometry import BODY, to_base, to_world, turn
-from iwalker_jax.navigation.memory import SCAN_MEMORY, MapMemory, MapMemoryParameters, add_scan, empty_memory, view_map
+from iwalker_jax.geometry import BODY, to_base, to_world
+from iwalker_jax.navigation.memory import (
+    SCAN_MEMORY,
+    MapMemory,
+    MapMemoryParameters,
+    ViewPoint,
+    WideMemory,
+    WideMemoryParameters,
+    add_scan,
+    empty_memory,
+    empty_wide_memory,
+    update_wide_memory,
+    view_map,
+)
 from iwalker_jax.navigation.step_planning import PursuitParameters, pursue
 from iwalker_jax.perception import CameraMount, Intrinsics, ScanParameters, clean_depth, range_scan
 from iwalker_jax.planning import MapView, MemoryIPath, StepGeometry, choose_path, start_direction, waypoints_to_path
@@ -33,7 +45,7 @@ class SurrogateParameters:
     Attributes:
         camera: of the depth images; noise: None for ideal depth.
         mount: nominal.
-        memory: of the map; scan: how images are read into it.
+        memory: of the map; wide: of the wider one; scan: how images are read into it.
         pursuit: of the path; steps: advance of one.
         sway_height: [m], sway_pitch, sway_roll, sway_yaw: [rad] and sway_left: [m] of the camera about its nominal
             pose, known to the robot but for mount_error: [rad] of pitch and roll.
@@ -50,6 +62,7 @@ class SurrogateParameters:
     noise: DepthNoise | None = DepthNoise()
     mount: CameraMount = CameraMount()
     memory: MapMemoryParameters = SCAN_MEMORY
+    wide: WideMemoryParameters = WideMemoryParameters()
     scan: ScanParameters = ScanParameters()
     pursuit: PursuitParameters = PursuitParameters()
     steps: StepGeometry = StepGeometry(count=1)
@@ -103,7 +116,7 @@ class SurrogateState(NamedTuple):
         key: of what is drawn next; surfaces: of the errors of depth that last.
         scene, goal: () int32, where it walks and to which of the scene's goals.
         true, believed: (3,) x, y [m], yaw [rad] of its base frame.
-        memory: the map.
+        memory: the map; wide: the wider one.
         direction: (2,) in which its last path began, world; zero before the first.
         step: () int32, and most_steps: () int32, after which it is too late.
     """
@@ -115,6 +128,7 @@ class SurrogateState(NamedTuple):
     true: Float[Array, "3"]
     believed: Float[Array, "3"]
     memory: MapMemory
+    wide: WideMemory
     direction: Float[Array, "2"]
     step: Int[Array, ""]
     most_steps: Int[Array, ""]
@@ -153,6 +167,7 @@ def start_surrogate(
     yaw = jax.random.uniform(facing, minval=-math.pi, maxval=math.pi)
     pose = jnp.append(places[chosen] + corner, yaw)
     allowed = parameters.spare_steps + way[chosen] / parameters.pace
+    memory = empty_memory(parameters.memory, pose[:2])
     return SurrogateState(
         key=key,
         surfaces=surfaces,
@@ -160,7 +175,8 @@ def start_surrogate(
         goal=goal,
         true=pose,
         believed=pose,
-        memory=empty_memory(parameters.memory, pose[:2]),
+        memory=memory,
+        wide=empty_wide_memory(parameters.wide, parameters.memory, memory),
         direction=jnp.zeros(2),
         step=jnp.zeros((), jnp.int32),
         most_steps=jnp.where(fits.any(), allowed, 0).astype(jnp.int32),
@@ -187,7 +203,8 @@ def see(parameters: SurrogateParameters, fields: TrueFields, state: SurrogateSta
         depth = add_depth_noise(noise_key, depth, parameters.noise, parameters.camera, surfaces)
     scan = range_scan(clean_depth(depth), believed_mount, parameters.camera, parameters.scan)
     memory = add_scan(parameters.memory, state.memory, believed, scan, believed_mount[3:5])
-    return state._replace(key=key, surfaces=surfaces, memory=memory)
+    wide = update_wide_memory(parameters.wide, parameters.memory, state.wide, memory, state.believed[:2])
+    return state._replace(key=key, surfaces=surfaces, memory=memory, wide=wide)
 
 
 def decide(
@@ -208,9 +225,10 @@ def decide(
     """
     key, gamble, pick = jax.random.split(state.key, 3)
     goal = fields.goals[state.scene, state.goal]
-    view, bearing = view_map(network.config.view, parameters.memory, state.memory, state.believed, goal)
+    at = ViewPoint(state.believed, goal, state.direction)
+    view, bearing = view_map(network.config.view, parameters.memory, state.memory, state.wide, at)
     candidates = network(view)
-    chosen = choose_path(network.config, candidates, turn(-bearing, state.direction))
+    chosen = choose_path(network.config, candidates, view.course)
     any_of = jax.random.randint(pick, (), 0, candidates.log_cost.shape[0])
     chosen = jnp.where(jax.random.uniform(gamble) < explore, any_of, chosen)
     frame = jnp.append(state.believed[:2], bearing)

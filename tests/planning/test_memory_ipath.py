@@ -7,7 +7,8 @@ import pytest
 from flax import nnx
 
 from iwalker_jax.errors import InputError
-from iwalker_jax.planning import MapView, MapViewParameters, MemoryIPath, MemoryIPathConfig, PathCandidates, choose_path
+from iwalker_jax.planning import MapViewParameters, MemoryIPath, MemoryIPathConfig, PathCandidates, choose_path
+from tests.planning.views import random_views
 
 CONFIG = MemoryIPathConfig(view=MapViewParameters(bearings=12, rings=4), hidden=32)
 
@@ -17,17 +18,9 @@ def network():
     return MemoryIPath(CONFIG, nnx.Rngs(0))
 
 
-def random_views(count, seed=0):
-    cells, goal = jax.random.split(jax.random.key(seed))
-    shape = (count, CONFIG.view.bearings, CONFIG.view.samples)
-    return MapView(
-        jax.random.randint(cells, shape, 0, 3).astype(jnp.int8), jax.random.uniform(goal, (count, 4), minval=-1.0)
-    )
-
-
 def test_candidates_of_the_mirror_image_are_the_mirrored_candidates(network):
     """Oracle: the definition of equivariance; the two halves change places."""
-    views = random_views(20)
+    views = random_views(CONFIG.view, 20)
     here, there = network(views), network(views.mirrored())
     half = CONFIG.proposals
     flipped = there.waypoints * jnp.array([1.0, -1.0])
@@ -42,7 +35,7 @@ def test_candidates_of_the_mirror_image_are_the_mirrored_candidates(network):
 
 def test_no_path_is_a_point_unless_the_goal_is_reached(network):
     """Oracle: the bounds of the configuration; the third number of a view is the goal's distance, folded."""
-    views = random_views(50, 1)
+    views = random_views(CONFIG.view, 50, 1)
     knots = jnp.concatenate([jnp.zeros((50, 2 * CONFIG.proposals, 1, 2)), network(views).waypoints], axis=2)
     lengths = np.linalg.norm(np.diff(knots, axis=2), axis=-1).sum(axis=-1)
     near = 0.5 * CONFIG.view.near_goal * (np.asarray(views.goal[:, 1]) + 1.0)
@@ -52,7 +45,7 @@ def test_no_path_is_a_point_unless_the_goal_is_reached(network):
 
 def test_a_single_view_is_a_row_of_a_batch(network):
     """Oracle: the batch."""
-    views = random_views(3, 2)
+    views = random_views(CONFIG.view, 3, 2)
     whole = network(views)
     one = network(jax.tree.map(lambda leaf: leaf[1], views))
     for a, b in zip(one, whole, strict=True):
@@ -71,6 +64,16 @@ def test_the_cheapest_is_chosen_and_of_equals_the_one_on_the_last_side():
     assert int(choose_path(CONFIG, dear, unit)) == 0
 
 
+@pytest.mark.parametrize("layer", ["cells", "wide", "visits"])
+def test_every_map_of_the_view_changes_what_the_network_says(network, layer):
+    """Oracle: the same view with one map erased."""
+    views = random_views(CONFIG.view, 4, 3)
+    erased = views._replace(**{layer: jnp.zeros_like(getattr(views, layer))})
+    before, after = network(views), network(erased)
+    assert np.abs(before.waypoints - after.waypoints).max() > 1e-4
+    assert np.abs(before.log_cost - after.log_cost).max() > 1e-3
+
+
 def test_sizes_that_cannot_be_are_refused():
     """Oracle: the stated ranges."""
     with pytest.raises(InputError, match="hidden"):
@@ -79,5 +82,9 @@ def test_sizes_that_cannot_be_are_refused():
         MemoryIPathConfig(shortest=2.0)
     with pytest.raises(InputError, match="bearings"):
         MapViewParameters(bearings=0)
+    with pytest.raises(InputError, match="even number of bearings"):
+        MapViewParameters(bearings=15)
+    with pytest.raises(InputError, match="wide_spacing"):
+        MapViewParameters(wide_spacing=3.0)
     with pytest.raises(InputError, match="near_goal"):
         MapViewParameters(near_goal=9.0)

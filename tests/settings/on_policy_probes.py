@@ -8,9 +8,17 @@ import jax
 import jax.numpy as jnp
 from flax import nnx
 
-from iwalker_jax.navigation.memory import SCAN_MEMORY, empty_memory, view_map
+from iwalker_jax.navigation.memory import (
+    SCAN_MEMORY,
+    ViewPoint,
+    WideMemoryParameters,
+    empty_memory,
+    empty_wide_memory,
+    update_wide_memory,
+    view_map,
+)
 from iwalker_jax.perception import ScanParameters, TraversalParameters, range_scan
-from iwalker_jax.planning import MapCell, MapView, MapViewParameters, MemoryIPath, MemoryIPathConfig, choose_path
+from iwalker_jax.planning import MapCell, MapViewParameters, MemoryIPath, MemoryIPathConfig, choose_path
 from iwalker_jax.surrogate import (
     FieldParameters,
     SurrogateParameters,
@@ -21,6 +29,7 @@ from iwalker_jax.surrogate import (
 )
 from iwalker_jax.training.on_policy import OnPolicyConfig, PathWeights, proposal_loss
 from iwalker_jax.training.on_policy.loop import boldness, first_state, make_adam, practice_scenes
+from tests.planning.views import even_view
 from tests.settings.mechanism import Probe
 from tests.settings.robot_probes import MOUNT, SMALL, depth_image
 from tests.surrogate.scenes import CALM, GRIDS, fields, start
@@ -42,16 +51,24 @@ def network() -> MemoryIPath:
 def viewed(parameters: MapViewParameters) -> Any:
     """An empty map as seen, and what a network of that view says of it."""
     base = jnp.asarray([0.1, 0.2, 0.3])
-    view, _ = view_map(parameters, SCAN_MEMORY, empty_memory(SCAN_MEMORY, base[:2]), base, jnp.asarray([1.0, 1.5]))
+    memory = empty_memory(SCAN_MEMORY, base[:2])
+    wide = empty_wide_memory(WideMemoryParameters(), SCAN_MEMORY, memory)
+    at = ViewPoint(base, jnp.asarray([1.0, 1.5]), jnp.asarray([0.6, 0.8]))
+    view, _ = view_map(parameters, SCAN_MEMORY, memory, wide, at)
     return view, MemoryIPath(dataclasses.replace(NETWORK, view=parameters), nnx.Rngs(0))(view)
 
 
 def proposed(config: MemoryIPathConfig) -> Any:
     """Candidates on a free map, and the one that is chosen."""
-    sizes = config.view
-    cells = jnp.full((sizes.bearings, sizes.samples), MapCell.FREE, jnp.int8)
-    candidates = MemoryIPath(config, nnx.Rngs(0))(MapView(cells, jnp.asarray([0.1, 0.9, 0.8, 0.6])))
+    candidates = MemoryIPath(config, nnx.Rngs(0))(even_view(config.view, [0.1, 0.9, 0.8, 0.6], MapCell.FREE))
     return candidates, choose_path(config, candidates, jnp.asarray([0.6, 0.8]))
+
+
+def visited(parameters: WideMemoryParameters) -> Any:
+    """The wide map of a robot that has moved on by more and by less than the way between two visits."""
+    memory = empty_memory(SCAN_MEMORY, jnp.zeros(2))
+    wide = empty_wide_memory(parameters, SCAN_MEMORY, memory)
+    return [update_wide_memory(parameters, SCAN_MEMORY, wide, memory, jnp.asarray([x, 0.0])) for x in (0.1, 0.3)]
 
 
 def stepped(parameters: SurrogateParameters) -> Any:
@@ -87,7 +104,8 @@ def prepare() -> None:
 
 PROBES = {
     ScanParameters: (Probe(lambda c: range_scan(depth_image(), MOUNT, SMALL, c), ScanParameters(), followed=False),),
-    MapViewParameters: (Probe(viewed, NETWORK.view, followed=False),),
+    MapViewParameters: (Probe(viewed, NETWORK.view, followed=False, changes={"bearings": 14}),),
+    WideMemoryParameters: (Probe(visited, WideMemoryParameters(), changes={"cells": 98}),),
     MemoryIPathConfig: (Probe(proposed, NETWORK, followed=False),),
     FieldParameters: (
         Probe(lambda c: (c.grid, c.cost_grid), FieldParameters(), traced=False, only=PLACES),

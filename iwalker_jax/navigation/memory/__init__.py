@@ -10,7 +10,7 @@ from iwalker_jax.navigation.memory.map_memory import (
     update_memory,
     window_origin,
 )
-from iwalker_jax.navigation.memory.polar_view import view_map
+from iwalker_jax.navigation.memory.polar_view import ViewPoint, view_map
 from iwalker_jax.navigation.memory.route_memory import (
     RouteMemory,
     RouteMemoryParameters,
@@ -19,6 +19,12 @@ from iwalker_jax.navigation.memory.route_memory import (
     update_route_memory,
 )
 from iwalker_jax.navigation.memory.scan_update import SCAN_MEMORY, add_scan
+from iwalker_jax.navigation.memory.wide_memory import (
+    WideMemory,
+    WideMemoryParameters,
+    empty_wide_memory,
+    update_wide_memory,
+)
 
 __all__ = [
     "SCAN_MEMORY",
@@ -26,15 +32,20 @@ __all__ = [
     "MapMemoryParameters",
     "RouteMemory",
     "RouteMemoryParameters",
+    "ViewPoint",
+    "WideMemory",
+    "WideMemoryParameters",
     "add_scan",
     "empty_memory",
     "empty_route_memory",
+    "empty_wide_memory",
     "map_cells",
     "memory_cells",
     "recorded_window",
     "route_grid",
     "update_memory",
     "update_route_memory",
+    "update_wide_memory",
     "view_map",
     "window_origin",
 ]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Int8
+from jaxtyping import Array, Bool, Float, Int, Int8, Num
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.geometry import BODY, to_base
@@ -168,9 +168,9 @@ def _cell(parameters: MapMemoryParameters, xy: Float[Array, "2"]) -> Int[Array, 
     return ROUTE_CELLS * jnp.round(xy / (ROUTE_CELLS * parameters.resolution)).astype(jnp.int32)
 
 
-def shifted(field: Float[Array, "n n"], shift: Int[Array, "2"], largest: int, fill: float = 0.0) -> Float[Array, "n n"]:
+def shifted(field: Num[Array, "n n"], shift: Int[Array, "2"], largest: int, fill: float = 0.0) -> Num[Array, "n n"]:
     """A map's content seen from a middle that lies `shift` cells farther on; after a larger shift, `fill` alone."""
     padded = jnp.pad(field, largest, constant_values=fill)
     start = jnp.clip(shift + largest, 0, 2 * largest)
     moved = jax.lax.dynamic_slice(padded, (start[0], start[1]), field.shape)
-    return jnp.where(jnp.all(jnp.abs(shift) <= largest), moved, fill)
+    return jnp.where(jnp.all(jnp.abs(shift) <= largest), moved, jnp.asarray(fill, field.dtype))

@@ -72,10 +72,8 @@ def candidate_losses(
     spent = jnp.sum(0.5 * (metre[:, 1:] + metre[:, :-1]) * lengths, axis=1)
     ends = jnp.concatenate([points[:, -1], frame[None, :2]])
     to_go = jnp.minimum(way_to_go(grids, fields, visit.scene, visit.goal, ends), _FARTHEST)
-    # The view's goal features hold cosine and sine of the heading.
-    heading = visit.view.goal[2:4]
     first = waypoints[:, 0] / (safe_norm(waypoints[:, 0])[:, None] + 1e-6)
-    turning = 0.5 * (1.0 - first @ heading)
+    turning = 0.5 * (1.0 - first @ visit.view.heading)
     knots = jnp.concatenate([jnp.zeros_like(waypoints[:, :1]), waypoints], axis=1)
     bends = jnp.sum(jnp.diff(knots, n=2, axis=1) ** 2, axis=(1, 2))
     cost = spent + to_go[:-1] - jax.lax.stop_gradient(to_go[-1]) + weights.turn * turning + weights.bend * bends
