@@ -1,5 +1,6 @@
 """Which fields of a configuration act: changed one at a time, or followed through a traced program."""
 
+import contextlib
 import copy
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -48,9 +49,11 @@ def other_value(value: Any) -> Any:
     if isinstance(value, tuple):
         return tuple(other_value(part) for part in value)
     if dataclasses.is_dataclass(value):
-        parts = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-        name = next(name for name, part in parts.items() if not isinstance(part, str | Path | None))
-        return dataclasses.replace(value, **{name: other_value(parts[name])})
+        for part in dataclasses.fields(value):
+            before = getattr(value, part.name)
+            if not isinstance(before, str | Path | None):
+                with contextlib.suppress(InputError):
+                    return dataclasses.replace(value, **{part.name: other_value(before)})
     raise AssertionError(f"give another value for {value!r} in the probe's changes")
 
 

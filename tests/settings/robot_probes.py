@@ -35,6 +35,7 @@ from iwalker_jax.navigation.memory import (
     SCAN_MEMORY,
     MapMemoryParameters,
     RouteMemoryParameters,
+    WideMemoryParameters,
     empty_memory,
     empty_route_memory,
     memory_cells,
@@ -319,8 +320,8 @@ PROBES = {
         Probe(
             guided_by_memory,
             GuidanceParameters(source="memory", memory=SCAN_MEMORY),
-            changes={"scan": ScanParameters(support=0.3)},
-            only=("scan", "scan_stride"),
+            changes={"scan": ScanParameters(support=0.3), "wide": WideMemoryParameters(visit_radius=0.5)},
+            only=("scan", "scan_stride", "wide"),
         ),
     ),
 }
