@@ -268,15 +268,16 @@ def _memory_path(
     at = ViewPoint(base, observation.goal, start_direction(memory.route))
     view, bearing = view_map(network.config.view, parameters.memory, cells, wide, at)
     candidates = network(view)
-    chosen = choose_path(network.config, candidates, view.course)
+    chosen = choose_path(network.config, candidates, view)
     frame = jnp.append(base[:2], bearing)
     path = to_world(frame, waypoints_to_path(candidates.waypoints[chosen][None], ROUTE_POINTS)[0])
-    ahead = _on_route(path, parameters.face_distance)
+    # Who comes by so often goes round in circles: a place is passed two or three times on a walk that ends at its goal.
+    lost = view.visits_here >= network.config.view.most_visits
     guidance = Guidance(
-        path=resample_by_arc_length(path, BAND_POINTS),
-        face_point=ahead,
+        path=resample_by_arc_length(jnp.where(lost, base[:2], path), BAND_POINTS),
+        face_point=_on_route(path, parameters.face_distance),
         detour=jnp.asarray(False),
-        route_exists=jnp.asarray(True),
+        route_exists=~lost,
         room_offset=jnp.zeros_like(observation.goal),
     )
     return GuideMemory(cells, None, wide, path), guidance

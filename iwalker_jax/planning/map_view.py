@@ -107,6 +107,11 @@ class MapView(NamedTuple):
         """Unit vector in which the last path began; zero before the first."""
         return self.goal[..., 4:6]
 
+    @property
+    def visits_here(self) -> Int8[Array, "*batch"]:
+        """How often the robot came by where it is."""
+        return jnp.max(self.visits[..., 0], axis=-1)
+
     def mirrored(self) -> "MapView":
         """The view of the mirror-image world."""
         flip = jnp.asarray([1.0, 1.0, 1.0, -1.0, 1.0, -1.0], self.goal.dtype)

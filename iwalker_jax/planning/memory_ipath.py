@@ -33,15 +33,19 @@ class MemoryIPathConfig:
 
     Attributes:
         view: of the map.
+        channels: of each bearing, in the layers that look at neighbouring bearings; reach: bearings to either side.
         hidden: units of each layer; blocks: residual layers after the first.
         judging: units of each layer that judges a path.
         proposals: paths of one look; with those of the mirror image there are twice as many candidates.
         waypoints: of a path, at even distances.
         longest: [m] of a path; shortest: of one whose goal is no nearer.
-        keep_side: [m] by which a candidate that starts out like the last path may be dearer than one that turns back.
+        keep_side: [m] by which a candidate that starts out like the last path may be dearer than one that turns back;
+            so much for every time that the robot has come by.
     """
 
     view: MapViewParameters = MapViewParameters()
+    channels: int = 48
+    reach: int = 2
     hidden: int = 256
     blocks: int = 2
     judging: int = 96
@@ -52,11 +56,14 @@ class MemoryIPathConfig:
     keep_side: float = 0.15
 
     def __post_init__(self) -> None:
-        for name in ("hidden", "blocks", "judging", "proposals", "waypoints"):
-            most = 65_536 if name in ("hidden", "judging") else 100
+        for name in ("channels", "hidden", "blocks", "judging", "proposals", "waypoints"):
+            most = 65_536 if name in ("channels", "hidden", "judging") else 100
             require_whole(getattr(self, name), f"MemoryIPathConfig.{name}")
             if not 1 <= getattr(self, name) <= most:
                 raise InputError(f"MemoryIPathConfig.{name} must lie in 1..{most}.")
+        require_whole(self.reach, "MemoryIPathConfig.reach")
+        if not 0 <= 2 * self.reach < self.view.bearings:
+            raise InputError("MemoryIPathConfig needs a reach of at least 0 bearings that does not go all round.")
         if not 0 < self.shortest <= self.longest or self.keep_side < 0:
             raise InputError("MemoryIPathConfig needs 0 < shortest <= longest [m] and keep_side >= 0 [m].")
 
@@ -86,8 +93,11 @@ class MemoryIPath(nnx.Module):
     def __init__(self, config: MemoryIPathConfig, rngs: nnx.Rngs) -> None:
         self.config = config
         view, proposals = config.view, config.proposals
-        features = view.bearings * (2 * view.rings + 2) + view.bearings // 2 * 3 * view.wide_rings + GOAL_FEATURES
-        self.first = _linear(features, config.hidden, rngs)
+        # A gap is a gap in whatever direction: the layers that read rings share their weights between bearings.
+        width = 2 * config.reach + 1
+        self.read = _linear(width * (2 * view.rings + 2 + 3 * view.wide_rings), config.channels, rngs)
+        self.read_again = _linear(width * config.channels, config.channels, rngs)
+        self.first = _linear(view.bearings // 2 * 2 * config.channels + GOAL_FEATURES, config.hidden, rngs)
         self.blocks = nnx.List(_linear(config.hidden, config.hidden, rngs) for _ in range(config.blocks))
         # Proposals begin spread to one side of the goal; the mirror image's begin on the other.
         bias = np.zeros((proposals, config.waypoints + 1), np.float32)
@@ -115,8 +125,13 @@ class MemoryIPath(nnx.Module):
     def _propose(self, view: MapView) -> PathCandidates:
         config = self.config
         batch = view.goal.shape[:-1]
-        read = jnp.concatenate([self._rings(view), self._wide_rings(view), view.goal], axis=-1)
-        hidden = jax.nn.relu(self.first(read))
+        rings = jnp.concatenate([self._rings(view), self._wide_rings(view)], axis=-1)
+        read = jax.nn.relu(self.read(_with_neighbours(rings, config.reach)))
+        read = read + jax.nn.relu(self.read_again(_with_neighbours(read, config.reach)))
+        # Pairs of bearings: what is far away is not sharper.
+        pairs = read.reshape(*batch, config.view.bearings // 2, 2, config.channels)
+        pairs = jnp.concatenate([pairs.max(axis=-2), pairs.mean(axis=-2)], axis=-1)
+        hidden = jax.nn.relu(self.first(jnp.concatenate([pairs.reshape(*batch, -1), view.goal], axis=-1)))
         for block in self.blocks:
             hidden = hidden + jax.nn.relu(block(hidden))
         out = self.last(hidden).reshape(*batch, config.proposals, config.waypoints + 1)
@@ -130,7 +145,7 @@ class MemoryIPath(nnx.Module):
         waypoints = jnp.cumsum(length[..., None, None] / config.waypoints * steps, axis=-2)
         return PathCandidates(waypoints, *self._judge(view, hidden, jax.lax.stop_gradient(waypoints)))
 
-    def _rings(self, view: MapView) -> Float[Array, "*batch features"]:
+    def _rings(self, view: MapView) -> Float[Array, "*batch bearings features"]:
         """Which rings of each bearing are occupied and free, and how far its first occupied and not free places are."""
         sizes = self.config.view
         batch = view.goal.shape[:-1]
@@ -143,9 +158,9 @@ class MemoryIPath(nnx.Module):
             _share_before(occupied)[..., None].astype(dtype),
             _share_before(~free)[..., None].astype(dtype),
         ]
-        return jnp.concatenate(parts, axis=-1).reshape(*batch, -1)
+        return jnp.concatenate(parts, axis=-1)
 
-    def _wide_rings(self, view: MapView) -> Float[Array, "*batch features"]:
+    def _wide_rings(self, view: MapView) -> Float[Array, "*batch bearings features"]:
         """Shares of each ring of the wide map, in pairs of bearings, that are occupied, free, and were visited."""
         sizes = self.config.view
         batch = view.goal.shape[:-1]
@@ -153,7 +168,8 @@ class MemoryIPath(nnx.Module):
         dtype = view.goal.dtype
         maps = (view.wide == MapCell.OCCUPIED, view.wide == MapCell.FREE, view.visits / sizes.most_visits)
         parts = [jnp.mean(polar.astype(dtype).reshape(rings), axis=(-3, -1)) for polar in maps]
-        return jnp.stack(parts, axis=-1).reshape(*batch, -1)
+        shares = jnp.concatenate(parts, axis=-1)
+        return jnp.repeat(shares, 2, axis=-2)
 
     def _judge(
         self, view: MapView, hidden: Float[Array, "*batch hidden"], waypoints: Float[Array, "*batch proposals k 2"]
@@ -188,6 +204,13 @@ def _linear(inputs: int, outputs: int, rngs: nnx.Rngs) -> nnx.Linear:
     return nnx.Linear(inputs, outputs, kernel_init=nnx.initializers.he_normal(), rngs=rngs)
 
 
+def _with_neighbours(
+    rings: Float[Array, "*batch bearings channels"], reach: int
+) -> Float[Array, "*batch bearings features"]:
+    """What each bearing and so many to either side of it show, all round."""
+    return jnp.concatenate([jnp.roll(rings, shift, axis=-2) for shift in range(-reach, reach + 1)], axis=-1)
+
+
 def _share_before(mask: Bool[Array, "*batch bearings samples"]) -> Float[Array, "*batch bearings"]:
     """Share of each bearing up to its first true place; 1 without one."""
     samples = mask.shape[-1]
@@ -210,16 +233,18 @@ def _cells_at(
     return jnp.where(sample < samples, found, jnp.int8(0))
 
 
-def choose_path(config: MemoryIPathConfig, candidates: PathCandidates, course: Float[Array, "2"]) -> Int[Array, ""]:
+def choose_path(config: MemoryIPathConfig, candidates: PathCandidates, view: MapView) -> Int[Array, ""]:
     """Index of the cheapest candidate of one view; between ways that cost the same the robot keeps to its side.
 
     Args:
         config: of the network.
         candidates: without a batch axis.
-        course: of the view.
+        view: that they are of.
     """
     directions = jax.vmap(start_direction)(waypoints_to_path(candidates.waypoints))
-    return jnp.argmin(candidates.cost + config.keep_side * (1.0 - directions @ course))
+    # Where it has been before, turning back has not helped.
+    keep = config.keep_side * jnp.maximum(view.visits_here, 1)
+    return jnp.argmin(candidates.cost + keep * (1.0 - directions @ view.course))
 
 
 def start_direction(path: Float[Array, "n 2"]) -> Float[Array, "2"]:

@@ -228,7 +228,7 @@ def decide(
     at = ViewPoint(state.believed, goal, state.direction)
     view, bearing = view_map(network.config.view, parameters.memory, state.memory, state.wide, at)
     candidates = network(view)
-    chosen = choose_path(network.config, candidates, view.course)
+    chosen = choose_path(network.config, candidates, view)
     any_of = jax.random.randint(pick, (), 0, candidates.log_cost.shape[0])
     chosen = jnp.where(jax.random.uniform(gamble) < explore, any_of, chosen)
     frame = jnp.append(state.believed[:2], bearing)

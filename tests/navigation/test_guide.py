@@ -6,9 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from flax import nnx
 
 from iwalker_jax.navigation.guide import GuidanceParameters, Observation, guide, route_costs, start_guide
 from iwalker_jax.navigation.memory import (
+    SCAN_MEMORY,
     RouteMemoryParameters,
     empty_memory,
     empty_route_memory,
@@ -18,6 +20,7 @@ from iwalker_jax.navigation.memory import (
 )
 from iwalker_jax.perception import ROUTE_POINTS, CameraMount, Intrinsics, best_routes
 from iwalker_jax.perception.cost_to_go import UNREACHABLE
+from iwalker_jax.planning import MemoryIPath, MemoryIPathConfig
 from iwalker_jax.training.pretrained import load_planner
 
 # The coarse map is no wider than the window, so that a wall across the window has no ends.
@@ -93,6 +96,21 @@ def test_a_route_that_does_not_exist_is_not_kept():
         memory, way = look(memory, observation)
         assert not way.route_exists
         np.testing.assert_allclose(way.path, jnp.broadcast_to(base[:2], way.path.shape), atol=1e-6)
+
+
+@pytest.mark.parametrize(("times", "goes_on"), [(11, True), (12, False)])
+def test_who_has_come_by_too_often_has_no_way(times, goes_on):
+    """Oracle: `most_visits`, up to which the network's view counts."""
+    parameters = GuidanceParameters(source="memory", memory=SCAN_MEMORY)
+    network = MemoryIPath(MemoryIPathConfig(), nnx.Rngs(0))
+    intrinsics, planner, base = Intrinsics(), load_planner()[0], jnp.asarray([0.1, 0.2, 0.3])
+    memory = start_guide(parameters, base[:2])
+    memory = memory._replace(wide=memory.wide._replace(visits=jnp.full_like(memory.wide.visits, times)))
+    blind = jnp.zeros((intrinsics.height, intrinsics.width))
+    observation = Observation(blind, CameraMount().as_array(), base, jnp.asarray([2.5, 0.0]))
+    _, way = jax.jit(lambda *args: guide(parameters, planner, intrinsics, *args, network))(memory, observation)
+    assert bool(way.route_exists) == goes_on
+    assert (float(jnp.abs(way.path - base[:2]).max()) > 0.5) == goes_on
 
 
 def test_a_lane_that_narrows_slowly_to_less_than_the_body_is_no_way():

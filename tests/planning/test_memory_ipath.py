@@ -8,9 +8,9 @@ from flax import nnx
 
 from iwalker_jax.errors import InputError
 from iwalker_jax.planning import MapViewParameters, MemoryIPath, MemoryIPathConfig, PathCandidates, choose_path
-from tests.planning.views import random_views
+from tests.planning.views import even_view, random_views
 
-CONFIG = MemoryIPathConfig(view=MapViewParameters(bearings=12, rings=4), hidden=32)
+CONFIG = MemoryIPathConfig(view=MapViewParameters(bearings=12, rings=4), channels=8, hidden=32)
 
 
 @pytest.fixture(scope="module")
@@ -56,12 +56,20 @@ def test_the_cheapest_is_chosen_and_of_equals_the_one_on_the_last_side():
     """Oracle: two straight paths, one to each side."""
     steps = jnp.linspace(0.2, 1.0, 5)[:, None]
     left, right = steps * jnp.array([1.0, 1.0]), steps * jnp.array([1.0, -1.0])
-    candidates = PathCandidates(jnp.stack([left, right]), jnp.log1p(jnp.array([1.0, 1.1])), jnp.zeros(2))
+
+    def chosen(dearer, course, visits=0):
+        """0 for the path to the left; the one to the right is dearer."""
+        candidates = PathCandidates(jnp.stack([left, right]), jnp.log1p(jnp.array([1.0, 1.0 + dearer])), jnp.zeros(2))
+        view = even_view(CONFIG.view, [0.0, 0.0, 1.0, 0.0])
+        view = view._replace(goal=view.goal.at[4:].set(jnp.asarray(course)), visits=view.visits + jnp.int8(visits))
+        return int(choose_path(CONFIG, candidates, view))
+
     unit = jnp.array([1.0, -1.0]) / jnp.sqrt(2.0)
-    assert int(choose_path(CONFIG, candidates, jnp.zeros(2))) == 0
-    assert int(choose_path(CONFIG, candidates, unit)) == 1
-    dear = candidates._replace(log_cost=jnp.log1p(jnp.array([1.0, 1.4])))
-    assert int(choose_path(CONFIG, dear, unit)) == 0
+    assert chosen(0.1, jnp.zeros(2)) == 0
+    assert chosen(0.1, unit) == 1
+    assert chosen(0.4, unit) == 0
+    # Who has been here keeps to its side the longer.
+    assert chosen(0.4, unit, visits=4) == 1
 
 
 @pytest.mark.parametrize("layer", ["cells", "wide", "visits"])
@@ -78,6 +86,8 @@ def test_sizes_that_cannot_be_are_refused():
     """Oracle: the stated ranges."""
     with pytest.raises(InputError, match="hidden"):
         MemoryIPathConfig(hidden=0)
+    with pytest.raises(InputError, match="reach"):
+        MemoryIPathConfig(reach=99)
     with pytest.raises(InputError, match="shortest"):
         MemoryIPathConfig(shortest=2.0)
     with pytest.raises(InputError, match="bearings"):

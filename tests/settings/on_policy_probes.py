@@ -60,8 +60,9 @@ def viewed(parameters: MapViewParameters) -> Any:
 
 def proposed(config: MemoryIPathConfig) -> Any:
     """Candidates on a free map, and the one that is chosen."""
-    candidates = MemoryIPath(config, nnx.Rngs(0))(even_view(config.view, [0.1, 0.9, 0.8, 0.6], MapCell.FREE))
-    return candidates, choose_path(config, candidates, jnp.asarray([0.6, 0.8]))
+    view = even_view(config.view, [0.1, 0.9, 0.8, 0.6], MapCell.FREE)
+    candidates = MemoryIPath(config, nnx.Rngs(0))(view)
+    return candidates, choose_path(config, candidates, view)
 
 
 def visited(parameters: WideMemoryParameters) -> Any:

@@ -188,7 +188,9 @@ def guided(parameters: GuidanceParameters) -> Any:
 @cache
 def memory_ipath() -> MemoryIPath:
     """A small untrained network."""
-    return MemoryIPath(MemoryIPathConfig(MapViewParameters(bearings=8, rings=2), hidden=8, judging=8), nnx.Rngs(0))
+    return MemoryIPath(
+        MemoryIPathConfig(MapViewParameters(bearings=8, rings=2), channels=4, hidden=8, judging=8), nnx.Rngs(0)
+    )
 
 
 def guided_by_memory(parameters: GuidanceParameters) -> Any:

@@ -69,8 +69,8 @@ class OnPolicyConfig:
     weights: PathWeights = PathWeights()
     scenes: int = 960
     seed: int = 0
-    robots: int = 192
-    steps: int = 32
+    robots: int = 768
+    steps: int = 8
     rounds: int = 100
     epochs: int = 4
     batch: int = 256

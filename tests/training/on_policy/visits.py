@@ -8,7 +8,7 @@ from iwalker_jax.training.on_policy import OnPolicyConfig
 from tests.planning.views import even_view
 from tests.surrogate.scenes import CALM, GRIDS, fields, start
 
-NETWORK = MemoryIPathConfig(view=MapViewParameters(bearings=12, rings=4), hidden=16, judging=8)
+NETWORK = MemoryIPathConfig(view=MapViewParameters(bearings=12, rings=4), channels=8, hidden=16, judging=8)
 CONFIG = OnPolicyConfig(network=NETWORK, robot=CALM, grids=GRIDS, scenes=3, robots=4, steps=8, batch=16)
 
 
