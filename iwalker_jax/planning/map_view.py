@@ -36,7 +36,7 @@ class MapViewParameters:
         bearings: directions, evenly spaced; an even number, since the wide map is read in pairs of them.
         rings: of the fine map; samples_per_ring: places along each bearing, `spacing` [m] apart.
         wide_rings: of the wide map; wide_samples_per_ring: places along each bearing, `wide_spacing` [m] apart.
-        most_visits: beyond which visits of a place are not told apart.
+        most_visits: beyond which visits of a place are not told apart; who came by so often has lost its way.
         far_goal: [m] distance from which goals look alike; near_goal: below which they are told apart finely.
     """
 

@@ -73,6 +73,16 @@ class MapMemoryParameters:
         half = self.cells // 2 * self.resolution
         return GridSpec(-half, -half, self.resolution, self.cells, self.cells)
 
+    @property
+    def coarse_resolution(self) -> float:
+        """[m] side of a cell of the wider maps beside the window."""
+        return ROUTE_CELLS * self.resolution
+
+    def coarse_grid(self, cells: int) -> GridSpec:
+        """Where a wider map's cells, so many a side, lie relative to its middle, which is also the window's."""
+        half = cells // 2 * self.coarse_resolution
+        return GridSpec(-half, -half, self.coarse_resolution, cells, cells)
+
 
 class MapMemory(NamedTuple):
     """Evidence about the cells of the window.
@@ -174,3 +184,11 @@ def shifted(field: Num[Array, "n n"], shift: Int[Array, "2"], largest: int, fill
     start = jnp.clip(shift + largest, 0, 2 * largest)
     moved = jax.lax.dynamic_slice(padded, (start[0], start[1]), field.shape)
     return jnp.where(jnp.all(jnp.abs(shift) <= largest), moved, jnp.asarray(fill, field.dtype))
+
+
+def centred(field: Num[Array, "a a"], cells: int, fill: float) -> Num[Array, "b b"]:
+    """A square map in the middle of one of so many cells a side: cut, or with a margin that is filled."""
+    missing = (cells - field.shape[0]) // 2
+    if missing < 0:
+        return field[-missing : missing or None, -missing : missing or None]
+    return jnp.pad(field, missing, constant_values=fill)

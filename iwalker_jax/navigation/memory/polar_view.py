@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int, Int8
 
 from iwalker_jax.geometry import angle_between, safe_norm, turn
 from iwalker_jax.navigation.memory.map_memory import MapMemory, MapMemoryParameters, map_cells
-from iwalker_jax.navigation.memory.wide_memory import WideMemory, wide_resolution
+from iwalker_jax.navigation.memory.wide_memory import WideMemory
 from iwalker_jax.planning import MapCell, MapView, MapViewParameters
 
 
@@ -55,7 +55,7 @@ def view_map(
     fine = read(map_cells(window, memory), memory.middle, window.resolution, parameters.samples, parameters.spacing)
     visits = jnp.minimum(wide.visits, parameters.most_visits).astype(jnp.int8)
     coarse, visited = (
-        read(cells, wide.middle, wide_resolution(window), parameters.wide_samples, parameters.wide_spacing)
+        read(cells, wide.middle, window.coarse_resolution, parameters.wide_samples, parameters.wide_spacing)
         for cells in (wide.cells, visits)
     )
     heading = angle_between(at.base[2], bearing)

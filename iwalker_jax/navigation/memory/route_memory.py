@@ -18,6 +18,7 @@ from iwalker_jax.navigation.memory.map_memory import (
     ROUTE_CELLS,
     MapMemory,
     MapMemoryParameters,
+    centred,
     memory_cells,
     shifted,
 )
@@ -60,9 +61,7 @@ class RouteMemory(NamedTuple):
 
 def route_grid(parameters: RouteMemoryParameters, window: MapMemoryParameters) -> GridSpec:
     """Where the coarse cells lie relative to the middle, which is also the window's."""
-    resolution = ROUTE_CELLS * window.resolution
-    half = parameters.cells // 2 * resolution
-    return GridSpec(-half, -half, resolution, parameters.cells, parameters.cells)
+    return window.coarse_grid(parameters.cells)
 
 
 def empty_route_memory(parameters: RouteMemoryParameters, cells: MapMemory) -> RouteMemory:
@@ -94,7 +93,7 @@ def update_route_memory(
 
     def updated(before: Float[Array, "n n"], now: Float[Array, "quarter quarter"], nothing: float) -> Array:
         moved = shifted(before, shift, LARGEST_SHIFT // ROUTE_CELLS, nothing)
-        return jnp.where(written, _centred(now, parameters.cells, nothing), moved)
+        return jnp.where(written, centred(now, parameters.cells, nothing), moved)
 
     updated_memory = RouteMemory(
         clearance=updated(memory.clearance, _coarse(esdf), _FAR),
@@ -109,14 +108,6 @@ def _written(parameters: RouteMemoryParameters, window: MapMemoryParameters) -> 
     """The coarse cells that lie in the window but not in its rim."""
     offsets = jnp.abs(route_grid(parameters, window).centres()).max(axis=-1)
     return offsets < window.cells // 2 * window.resolution - parameters.rim
-
-
-def _centred(field: Float[Array, "a a"], cells: int, fill: float) -> Float[Array, "b b"]:
-    """A square field in the middle of one of so many cells a side: cut, or with a margin that is filled."""
-    missing = (cells - field.shape[0]) // 2
-    if missing < 0:
-        return field[-missing : missing or None, -missing : missing or None]
-    return jnp.pad(field, missing, constant_values=fill)
 
 
 def _coarse(field: Float[Array, "n n"]) -> Float[Array, "quarter quarter"]:

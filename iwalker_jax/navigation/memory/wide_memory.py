@@ -17,10 +17,11 @@ from iwalker_jax.navigation.memory.map_memory import (
     ROUTE_CELLS,
     MapMemory,
     MapMemoryParameters,
+    centred,
     map_cells,
     shifted,
+    window_origin,
 )
-from iwalker_jax.perception import GridSpec
 from iwalker_jax.planning import MapCell
 
 
@@ -63,17 +64,11 @@ class WideMemory(NamedTuple):
     middle: Int[Array, "2"]
 
 
-def wide_resolution(window: MapMemoryParameters) -> float:
-    """[m] side of a coarse cell."""
-    return ROUTE_CELLS * window.resolution
-
-
 def empty_wide_memory(parameters: WideMemoryParameters, window: MapMemoryParameters, near: MapMemory) -> WideMemory:
     """Nothing known, and nowhere been, around the middle of a window."""
     shape = (parameters.cells, parameters.cells)
-    dtype = near.evidence.dtype
-    here = near.middle.astype(dtype) * window.resolution
-    return WideMemory(jnp.zeros(shape, jnp.int8), jnp.zeros(shape, dtype), here, near.middle // ROUTE_CELLS)
+    here = window_origin(window, near)
+    return WideMemory(jnp.zeros(shape, jnp.int8), jnp.zeros(shape, here.dtype), here, near.middle // ROUTE_CELLS)
 
 
 def update_wide_memory(
@@ -99,17 +94,11 @@ def update_wide_memory(
     # `MapCell` rises from unseen over free to occupied.
     coarse = map_cells(window, near).reshape(side, ROUTE_CELLS, side, ROUTE_CELLS).max(axis=(1, 3))
     # What has been walked through the window without being seen again is remembered as it was.
-    first = (parameters.cells - side) // 2
-    if first < 0:
-        coarse, first = coarse[-first : side + first, -first : side + first], 0
-    before = cells[first : first + coarse.shape[0], first : first + coarse.shape[1]]
-    known = jnp.where(coarse == MapCell.UNSEEN, before, coarse)
-    cells = cells.at[first : first + coarse.shape[0], first : first + coarse.shape[1]].set(known)
+    coarse = centred(coarse, parameters.cells, MapCell.UNSEEN)
+    cells = jnp.where(coarse == MapCell.UNSEEN, cells, coarse)
 
-    resolution = wide_resolution(window)
-    half = parameters.cells // 2 * resolution
-    grid = GridSpec(-half, -half, resolution, parameters.cells, parameters.cells)
-    offsets = grid.centres() + middle.astype(xy.dtype) * resolution - xy
+    grid = window.coarse_grid(parameters.cells)
+    offsets = grid.centres() + middle.astype(xy.dtype) * grid.resolution - xy
     covered = jnp.sum(offsets**2, axis=-1) < parameters.visit_radius**2
     moved_on = jnp.sum((xy - memory.last_visit) ** 2) > parameters.visit_spacing**2
     return WideMemory(
